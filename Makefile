@@ -1,0 +1,42 @@
+# The few verbs of this project; `make help` lists them.
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.DEFAULT_GOAL := help
+.PHONY: help run test check bench clean
+
+help: ## list the verbs
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+run: $(VENV)/base.stamp ## plan a figure eight, run it, and write out/plan.json and out/report.html
+	@mkdir -p out
+	$(BIN)/slide-plan examples/figure_eight.csv -o out/plan.json
+	$(BIN)/slide-run out/plan.json --report out/report.html
+
+test: $(VENV)/dev.stamp ## run every test
+	$(BIN)/python -m pytest
+
+check: $(VENV)/dev.stamp ## lint, formatting and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/dev.stamp ## accuracy on the suite, and speed beside torch
+	$(BIN)/slide-bench
+
+clean: ## remove the environment and what was built
+	rm -rf $(VENV) build out *.egg-info
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/base.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) --editable .
+	@touch $@
+
+$(VENV)/dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) --editable '.[dev]'
+	@touch $@ $(VENV)/base.stamp
