@@ -1,0 +1,349 @@
+"""A bundle: the folder that carries a trained network as two ONNX graphs and a manifest that says what they are.
+
+Nothing of a bundle is believed: the manifest is read strictly, each graph's bytes are compared with the manifest's
+sha256 before onnxruntime sees them, and what the graphs take and give is compared with the manifest's numbers.
+
+The graphs, C samples in a chunk, everything row by row and in SI units (normalization is inside them):
+
+    encoder:       command (B, chunks, 4C)                            -> hidden, cell (layers, B, units)
+    decoder_step:  observation (B, 8C + 4C command_ahead), hidden, cell -> pan_acceleration (B, C, 2), hidden_out,
+                                                                         cell_out
+
+A command chunk is C rows (x, y, vx, vy); an observation is C rows (pan x, y, vx, vy, object x, y, vx, vy) and then
+`command_ahead` command chunks, the first of them the one whose accelerations are about to be produced.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from runtime.documents import check_format, fields, number, parse_json, read_bytes, read_text, text
+from runtime.errors import BundleError, InputError
+from runtime.friction import DT, Friction
+
+BUNDLE_FORMAT = "slide-bundle/1"
+MANIFEST_FILE = "manifest.json"
+PRECISIONS = ("fp32", "int8")
+
+ENCODER = "encoder"
+ENCODER_INPUTS = ("command",)
+ENCODER_OUTPUTS = ("hidden", "cell")
+DECODER_STEP = "decoder_step"
+DECODER_STEP_INPUTS = ("observation", "hidden", "cell")
+DECODER_STEP_OUTPUTS = ("pan_acceleration", "hidden_out", "cell_out")
+
+TRAINED_ON = {"static": "", "kinetic": "", "reach": "m", "speed": "m/s", "samples": ""}
+"""What the manifest gives the range of, and the unit; reach and speed are those of `Command`."""
+
+EXTERNAL_DATA_KEY = b"location"
+"""Stands in an ONNX file whose weights lie in another file, which no hash covers."""
+
+Float32Array = NDArray[np.float32]
+
+
+@contextmanager
+def _judging(source: str) -> Iterator[None]:
+    """Turn an InputError raised inside into a BundleError that names its source."""
+    try:
+        yield
+    except InputError as error:
+        raise BundleError(f"{source}: {error}") from error
+
+
+class GraphFile(NamedTuple):
+    """A graph's file name within the bundle, and the sha256 of its bytes in hexadecimal."""
+
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a bundle says of itself; the keys of manifest.json are these names, with `format` before them.
+
+    Attributes:
+        name: the bundle's name.
+        precision: "fp32" or "int8".
+        opset: of the graphs' operators.
+        graphs: file and hash of `encoder` and `decoder_step`.
+        chunk: samples in a chunk, C.
+        dt: sampling interval (s).
+        layers: LSTM layers in the encoder and in the decoder.
+        units: LSTM units in a layer.
+        command_ahead: command chunks the decoder sees in each iteration.
+        acceleration_bound: bound on the pan acceleration inside the network (m/s^2); None if it has none.
+        friction: what plans are made for unless something else is said.
+        pan_limit: largest distance of the pan from where it began (m).
+        trained_on: lowest and highest value of each of TRAINED_ON in the training.
+        training: how the network was made; free-form.
+        evaluation: figures; free-form.
+    """
+
+    name: str
+    precision: str
+    opset: int
+    graphs: Mapping[str, GraphFile]
+    chunk: int
+    dt: float
+    layers: int
+    units: int
+    command_ahead: int
+    acceleration_bound: float | None
+    friction: Friction
+    pan_limit: float
+    trained_on: Mapping[str, tuple[float, float]]
+    training: Mapping[str, Any]
+    evaluation: Mapping[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON document.
+
+        Raises:
+            BundleError: a value is not what it must be: no manifest is written that could not be read.
+        """
+        document = {
+            "format": BUNDLE_FORMAT,
+            **vars(self),
+            "graphs": {name: graph._asdict() for name, graph in self.graphs.items()},
+            "friction": vars(self.friction).copy(),
+            "trained_on": {name: list(limits) for name, limits in self.trained_on.items()},
+            "training": dict(self.training),
+            "evaluation": dict(self.evaluation),
+        }
+        type(self).from_dict(document)
+        return document
+
+    @classmethod
+    def from_dict(cls, document: object, source: str = "manifest") -> Self:
+        """Read the JSON document.
+
+        Args:
+            document: the parsed document.
+            source: where it came from, for the message.
+
+        Raises:
+            BundleError: another format version, a key missing or unknown, or a value that is not what it must be.
+        """
+        with _judging(source):
+            check_format(document, BUNDLE_FORMAT)
+            parts = fields(document, "", ("format", *cls.__dataclass_fields__))
+            precision = text(parts["precision"], "precision")
+            if precision not in PRECISIONS:
+                raise InputError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
+            bound = parts["acceleration_bound"]
+            friction = fields(parts["friction"], "friction", ("static", "kinetic"))
+            graphs = fields(parts["graphs"], "graphs", (ENCODER, DECODER_STEP))
+            trained_on = fields(parts["trained_on"], "trained_on", tuple(TRAINED_ON))
+            for name in ("training", "evaluation"):
+                if not isinstance(parts[name], Mapping):
+                    raise InputError(f"{name} must be an object, got {parts[name]!r}")
+            dt = number(parts["dt"], "dt")
+            if dt != DT:
+                raise InputError(f"dt must be {DT:g} s, the sampling interval of commands and plans, got {dt:g} s")
+            return cls(
+                name=text(parts["name"], "name"),
+                precision=precision,
+                opset=_integer(parts["opset"], "opset", 1),
+                graphs={name: _graph_file(value, f"graphs.{name}") for name, value in graphs.items()},
+                chunk=_integer(parts["chunk"], "chunk", 1),
+                dt=dt,
+                layers=_integer(parts["layers"], "layers", 1),
+                units=_integer(parts["units"], "units", 1),
+                command_ahead=_integer(parts["command_ahead"], "command_ahead", 0),
+                acceleration_bound=None if bound is None else _positive(bound, "acceleration_bound"),
+                friction=Friction(friction["static"], friction["kinetic"]),
+                pan_limit=_positive(parts["pan_limit"], "pan_limit"),
+                trained_on={name: _range(value, f"trained_on.{name}") for name, value in trained_on.items()},
+                training=parts["training"],
+                evaluation=parts["evaluation"],
+            )
+
+
+def _integer(value: object, key: str, smallest: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
+        raise InputError(f"{key} must be a whole number of at least {smallest}, got {value!r}")
+    return value
+
+
+def _positive(value: object, key: str) -> float:
+    result = number(value, key)
+    if result <= 0.0:
+        raise InputError(f"{key} must be greater than 0, got {result:g}")
+    return result
+
+
+def _range(value: object, key: str) -> tuple[float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise InputError(f"{key} must be [lowest, highest], got {value!r}")
+    low, high = (number(item, key) for item in value)
+    if low > high:
+        raise InputError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")
+    return low, high
+
+
+def _graph_file(value: object, key: str) -> GraphFile:
+    parts = fields(value, key, GraphFile._fields)
+    file, sha256 = text(parts["file"], f"{key}.file"), text(parts["sha256"], f"{key}.sha256")
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", file):  # no separator: it cannot leave the folder
+        raise InputError(f"{key}.file must be a plain file name, got {file!r}")
+    if not re.fullmatch(r"[0-9a-f]{64}", sha256):
+        raise InputError(f"{key}.sha256 must be 64 hexadecimal digits, got {sha256!r}")
+    return GraphFile(file, sha256)
+
+
+class DecoderState(NamedTuple):
+    """What the decoder carries from chunk to chunk: hidden and cell, each (layers, B, units) float32."""
+
+    hidden: Float32Array
+    cell: Float32Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A loaded bundle; its two methods may be called from several threads.
+
+    Attributes:
+        manifest: what the bundle says of itself, checked.
+        sha256: of the manifest's bytes, and so of everything: it carries the hashes of the graphs.
+        sizes: of the graphs (bytes).
+        sessions: of the graphs, by name.
+    """
+
+    manifest: Manifest
+    sha256: str
+    sizes: Mapping[str, int]
+    sessions: Mapping[str, Any]
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Load a bundle from its folder.
+
+        Raises:
+            BundleError: the manifest or a graph is missing, a hash does not fit, or the graphs are not what the
+                manifest says: names, shapes, or results.
+        """
+        path = Path(path)
+        source = str(path / MANIFEST_FILE)
+        with _judging(source):
+            data = read_bytes(path / MANIFEST_FILE)
+            manifest = Manifest.from_dict(parse_json(read_text(data)), source)
+        sizes, sessions = {}, {}
+        for name, graph in manifest.graphs.items():
+            source = str(path / graph.file)
+            with _judging(source):
+                model = read_bytes(path / graph.file)
+            found = hashlib.sha256(model).hexdigest()
+            if found != graph.sha256:
+                raise BundleError(f"{source}: sha256 is {found}, the manifest says {graph.sha256}")
+            if EXTERNAL_DATA_KEY in model:
+                raise BundleError(f"{source}: keeps weights in another file, which a bundle must not")
+            sizes[name] = len(model)
+            sessions[name] = _session(model, source)
+            _check_inputs_and_outputs(sessions[name], name, manifest, source)
+        bundle = cls(manifest, hashlib.sha256(data).hexdigest(), sizes, sessions)
+        bundle._try_out(str(path))
+        return bundle
+
+    def encode(self, command: Float32Array) -> DecoderState:
+        """Read commands, (B, chunks, 4C); the decoder starts from the state it leaves."""
+        return DecoderState(*self.sessions[ENCODER].run(ENCODER_OUTPUTS, {"command": command}))
+
+    def decode_step(self, observation: Float32Array, state: DecoderState) -> tuple[Float32Array, DecoderState]:
+        """Produce the next C pan accelerations (B, C, 2) (m/s^2) from the observation, (B, 8C + 4C command_ahead)."""
+        inputs = {"observation": observation, "hidden": state.hidden, "cell": state.cell}
+        acceleration, hidden, cell = self.sessions[DECODER_STEP].run(DECODER_STEP_OUTPUTS, inputs)
+        return acceleration, DecoderState(hidden, cell)
+
+    def _try_out(self, source: str) -> None:
+        """Run both graphs once with two commands of three chunks and look at the shapes that come out.
+
+        Raises:
+            BundleError: a graph fails, or gives another shape than the manifest's numbers ask for.
+        """
+        manifest = self.manifest
+        try:
+            state = self.encode(np.zeros((2, 3, 4 * manifest.chunk), dtype=np.float32))
+            observation = np.zeros((2, _observation_width(manifest)), dtype=np.float32)
+            acceleration, after = self.decode_step(observation, state)
+        except Exception as error:  # onnxruntime's own exceptions share no base class of theirs
+            raise BundleError(f"{source}: a graph does not run: {_first_line(error)}") from error
+        memory = (manifest.layers, 2, manifest.units)
+        expected = {"pan_acceleration": (2, manifest.chunk, 2)} | dict.fromkeys(
+            (*ENCODER_OUTPUTS, "hidden_out", "cell_out"), memory
+        )
+        given = zip((*ENCODER_OUTPUTS, *DECODER_STEP_OUTPUTS), (*state, acceleration, *after), strict=True)
+        for name, array in given:
+            if array.shape != expected[name]:
+                raise BundleError(f"{source}: output {name} has the shape {array.shape}, must be {expected[name]}")
+
+
+def _observation_width(manifest: Manifest) -> int:
+    return (8 + 4 * manifest.command_ahead) * manifest.chunk
+
+
+def _session(model: bytes, source: str) -> Any:
+    """Open a graph for one thread that never spins: spinning costs 2-3 times as soon as anything else runs.
+
+    Raises:
+        BundleError: onnxruntime does not understand the bytes.
+    """
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.add_session_config_entry("session.inter_op.allow_spinning", "0")
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+    options.log_severity_level = 4  # fatal only: what goes wrong is raised, and said once
+    try:
+        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own exceptions share no base class of theirs
+        raise BundleError(f"{source}: not a graph onnxruntime can load: {_first_line(error)}") from error
+
+
+def _check_inputs_and_outputs(session: Any, name: str, manifest: Manifest, source: str) -> None:
+    """Compare a graph's inputs and outputs with the manifest.
+
+    Raises:
+        BundleError: a name, a type or a size differs, or an axis that must be free is fixed.
+    """
+    memory = (manifest.layers, "batch", manifest.units)
+    expected: dict[str, tuple[int | str, ...]]
+    outputs: tuple[str, ...]
+    if name == ENCODER:
+        expected, outputs = {"command": ("batch", "chunks", 4 * manifest.chunk)}, ENCODER_OUTPUTS
+    else:
+        expected = {"observation": ("batch", _observation_width(manifest)), "hidden": memory, "cell": memory}
+        outputs = DECODER_STEP_OUTPUTS
+    given = {tensor.name: tensor for tensor in session.get_inputs()}
+    given_outputs = {tensor.name for tensor in session.get_outputs()}
+    if set(given) != set(expected):
+        raise BundleError(f"{source}: inputs must be {', '.join(expected)}, got {', '.join(given)}")
+    if given_outputs != set(outputs):
+        raise BundleError(f"{source}: outputs must be {', '.join(outputs)}, got {', '.join(sorted(given_outputs))}")
+    for tensor_name, shape in expected.items():
+        tensor = given[tensor_name]
+        fits = len(tensor.shape) == len(shape) and all(
+            have == want if isinstance(want, int) else not isinstance(have, int)
+            for have, want in zip(tensor.shape, shape, strict=True)
+        )
+        if tensor.type != "tensor(float)" or not fits:
+            have, want = (", ".join(map(str, sizes)) for sizes in (tensor.shape, shape))
+            raise BundleError(
+                f"{source}: input {tensor_name} must be tensor(float) [{want}], got {tensor.type} [{have}]"
+            )
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]

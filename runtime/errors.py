@@ -1,0 +1,31 @@
+"""The errors a caller can meet, all under one base class.
+
+Each message names the thing, its value and the limit, so that it can be shown to a person as it is: the
+command line prints it in one line and exits with 2, a server maps the class to a status code.
+"""
+
+from __future__ import annotations
+
+
+class SlideError(Exception):
+    """Base class of every error this project raises on purpose."""
+
+
+class InputError(SlideError, ValueError):
+    """A value that was handed in is not usable: a command, a friction coefficient, a shape, a number."""
+
+
+class FormatError(InputError):
+    """A file is not what its format promises: truncated, another version, a missing key or column."""
+
+
+class BundleError(SlideError):
+    """A model bundle cannot be trusted or understood: a hash, a graph or the manifest does not fit."""
+
+
+class OutputError(SlideError):
+    """A result could not be written; what was there before is untouched."""
+
+
+class MissingExtraError(SlideError):
+    """An optional package is needed; the message says which `pip install` line brings it."""

@@ -1,0 +1,83 @@
+"""Imports point one way: train -> runtime, export -> train and runtime, server -> runtime."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = {"runtime", "train", "export", "server", "benchmarks", "tests"}
+MAY_IMPORT = {
+    "runtime": {"runtime"},
+    "train": {"train", "runtime"},
+    "export": {"export", "train", "runtime"},
+    "server": {"server", "runtime"},
+}
+RUNTIME_THIRD_PARTY = {"numpy", "onnxruntime"}
+MORE_IN = {"runtime/cli.py": {"typer", "rich"}, "runtime/arm": {"pybullet", "pybullet_utils"}}
+"""What single modules or folders of runtime may import besides."""
+
+
+def imported(module: Path) -> set[str]:
+    """Return the top-level names a module imports, anywhere in it."""
+    names = set()
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}: relative import"
+            names.add((node.module or "").partition(".")[0])
+    return names
+
+
+def modules(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+@pytest.mark.parametrize("package", sorted(MAY_IMPORT))
+def test_packages_import_one_way(package: str) -> None:
+    for module in modules(package):
+        wrong = (imported(module) & PACKAGES) - MAY_IMPORT[package]
+        assert not wrong, f"{module.relative_to(ROOT)} imports {', '.join(sorted(wrong))}"
+
+
+def test_runtime_imports_the_standard_library_numpy_and_onnxruntime_only() -> None:
+    found = modules("runtime")
+    assert len(found) > 5
+    for module in found:
+        name = module.relative_to(ROOT).as_posix()
+        allowed = RUNTIME_THIRD_PARTY | {"runtime"}
+        for place, more in MORE_IN.items():
+            if name == place or name.startswith(f"{place}/"):
+                allowed = allowed | more
+        wrong = imported(module) - allowed - sys.stdlib_module_names
+        assert not wrong, f"{name} imports {', '.join(sorted(wrong))}"
+
+
+def test_planning_works_without_the_packages_of_the_extras(bundle_path: Path, tmp_path: Path) -> None:
+    program = f"""
+        import importlib.abc, sys
+
+        class Blocker(importlib.abc.MetaPathFinder):
+            blocked = {{"torch", "onnx", "scipy", "numba", "matplotlib", "pydantic", "pybullet", "typer", "rich"}}
+
+            def find_spec(self, name, path=None, target=None):
+                if name.partition(".")[0] in self.blocked:
+                    raise ImportError(name + " is blocked")
+
+        sys.meta_path.insert(0, Blocker())
+        from runtime import Command, Plan, Planner
+
+        plan = Planner({str(bundle_path)!r}).plan(Command.load({str(ROOT / "examples/figure_eight.csv")!r}))
+        plan.save({str(tmp_path / "plan.json")!r})
+        print(len(Plan.load({str(tmp_path / "plan.json")!r})))
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "1200\n", "")

@@ -1,0 +1,312 @@
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from runtime import FormatError, Friction, OutputError, Plan, Quality, Status
+from runtime.friction import GRAVITY
+from runtime.plan import PLAN_FORMAT, assess
+
+ARRAYS = (
+    "command_position",
+    "pan_acceleration",
+    "pan_velocity",
+    "pan_position",
+    "object_velocity",
+    "object_position",
+)
+finite = st.floats(allow_nan=False, allow_infinity=False)
+printable = st.text(st.characters(exclude_categories=["C", "Z"]), max_size=20)
+optional_limits = st.fixed_dictionaries({"pan_reach": st.none() | finite, "acceleration": st.none() | finite})
+
+
+@st.composite
+def plans(draw: st.DrawFn) -> Plan:
+    shape = (draw(st.integers(1, 8)), 2)
+    kinetic, static = sorted(draw(st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0))))
+    figures = {field.name: draw(finite) for field in dataclasses.fields(Quality)[:6]}
+    quality = Quality(
+        **figures,
+        limits=draw(optional_limits),
+        margins=draw(optional_limits),
+        status=draw(st.sampled_from(Status)),
+        notes=tuple(draw(st.lists(printable, max_size=3))),
+    )
+    return Plan(
+        dt=draw(st.floats(1e-6, 1.0)),
+        model_name=draw(printable),
+        model_sha256=draw(printable),
+        friction=Friction(static, kinetic),
+        quality=quality,
+        **{name: draw(npst.arrays(np.float64, shape, elements=finite)) for name in ARRAYS},
+    )
+
+
+def assert_same(one: Plan, other: Plan) -> None:
+    for name in ARRAYS:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+        assert getattr(other, name).dtype == np.float64
+    for name in ("dt", "model_name", "model_sha256", "friction", "quality"):
+        assert getattr(one, name) == getattr(other, name), name
+
+
+@given(plans())
+def test_plan_comes_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, plan: Plan) -> None:
+    folder = tmp_path_factory.mktemp("plans")
+    for suffix in (".json", ".npz"):
+        plan.save(folder / f"plan{suffix}")
+        assert_same(plan, Plan.load(folder / f"plan{suffix}"))
+    assert_same(plan, Plan.from_dict(plan.to_dict()))
+
+
+def test_document_is_laid_out_as_promised(plan: Plan, tmp_path: Path) -> None:
+    plan.save(tmp_path / "plan.json")
+    document = json.loads((tmp_path / "plan.json").read_text())
+    assert document["format"] == "slide-plan/1" == PLAN_FORMAT
+    assert {name: sorted(part) for name, part in document.items() if isinstance(part, dict)} == {
+        "model": ["name", "sha256"],
+        "friction": ["kinetic", "static"],
+        "command": ["position"],
+        "pan": ["acceleration", "position", "velocity"],
+        "object": ["position", "velocity"],
+        "quality": sorted(field.name for field in dataclasses.fields(Quality)),
+    }
+    assert np.array_equal(document["pan"]["acceleration"], plan.pan_acceleration)
+    plan.save(tmp_path / "plan.npz")
+    with np.load(tmp_path / "plan.npz") as arrays:
+        assert np.array_equal(arrays["pan.acceleration"], plan.pan_acceleration)
+
+
+def test_replay_from_a_file_is_the_prediction_bit_for_bit(plan: Plan, tmp_path: Path) -> None:
+    plan.save(tmp_path / "plan.json")
+    states = Plan.load(tmp_path / "plan.json").replay()
+    np.testing.assert_array_equal(states, np.hstack([plan.object_position, plan.object_velocity]))
+
+
+def test_replay_under_another_friction_follows_the_law(plan: Plan) -> None:
+    stuck = plan.replay(Friction(10.0, 0.5))
+    np.testing.assert_array_equal(stuck, np.tile([*plan.object_position[0], 0.0, 0.0], (len(plan), 1)))
+    steady = dataclasses.replace(plan, pan_acceleration=np.tile([2.0, 1.0], (len(plan), 1)))
+    t = np.arange(len(plan))[:, None] * plan.dt
+    smooth = steady.replay(Friction(0.0, 0.0))  # nothing pulls the object along: it stays behind in the world
+    np.testing.assert_allclose(smooth[:, :2], plan.object_position[0] - 0.5 * np.array([2.0, 1.0]) * t**2, atol=1e-12)
+    dragged = steady.replay(Friction(0.2, 0.1))
+    speed = np.hypot(2.0, 1.0) - 0.1 * GRAVITY
+    assert np.hypot(*dragged[-1, 2:]) == pytest.approx(speed * t[-1, 0] - 0.1 * GRAVITY * plan.dt, rel=1e-9)
+
+
+def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    """Return a copy with the value at a dotted path replaced, or removed if it is `...`."""
+    document = copy.deepcopy(document)
+    *groups, name = path.split(".")
+    place = document
+    for group in groups:
+        place = place[group]
+    if value is ...:
+        del place[name]
+    else:
+        place[name] = value
+    return document
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("format", "slide-plan/2", "format must be 'slide-plan/1', got 'slide-plan/2'"),
+        ("format", ..., "format must be 'slide-plan/1', got None"),
+        ("format", ["slide-plan/1"], "format must be"),
+        ("dt", ..., "missing key 'dt'"),
+        ("dt", 0.0, "dt must be greater than 0 s"),
+        ("dt", None, "dt must be a number"),
+        ("dt", True, "dt must be a number"),
+        ("extra", 1, "unknown key 'extra'"),
+        ("model", "tiny", "model: must be an object"),
+        ("model.name", 3, "model.name must be printable text"),
+        ("model.name", "a\x1b[2J", "model.name must be printable text"),
+        ("model.sha256", ..., "model: missing key 'sha256'"),
+        ("friction.static", -1.0, "friction static must be between 0 and 10"),
+        ("friction.kinetic", 3.0, "kinetic friction 3 must not exceed static"),
+        ("friction.rolling", 3.0, "friction: unknown key 'rolling'"),
+        ("command.position", ..., "command: missing key 'position'"),
+        ("command.position", [], "command.position must have at least one row"),
+        ("pan.acceleration", ..., "pan: missing key 'acceleration'"),
+        ("pan.acceleration", [[0.0, 0.0]], "pan.acceleration has 1 rows, command.position has 250"),
+        ("pan.velocity", [[0.0]] * 250, r"pan.velocity\[0\] must be a pair"),
+        ("pan.position", [[0.0, "1"]] * 250, r"pan.position\[0\], column y must be a number"),
+        ("object.velocity", 0.0, "object.velocity must be a list"),
+        ("object.position", [[1e999, 0.0]] * 250, r"object.position\[0\], column x: inf is not a finite number"),
+        ("object.speed", 0.0, "object: unknown key 'speed'"),
+        ("quality.tracking_rmse", ..., "quality: missing key 'tracking_rmse'"),
+        ("quality.pan_reach", "far", "quality.pan_reach must be a number"),
+        ("quality.status", "fine", "quality.status must be one of ok, beyond_training_range, limit_exceeded"),
+        ("quality.status", ["ok"], "quality.status must be printable text"),
+        ("quality.notes", "fine", "quality.notes must be a list"),
+        ("quality.notes", [1], r"quality.notes\[0\] must be printable text"),
+        ("quality.limits.pan_reach", ..., "quality.limits: missing key 'pan_reach'"),
+        ("quality.limits.force", 1.0, "quality.limits: unknown key 'force'"),
+        ("quality.margins.acceleration", "none", "quality.margins.acceleration must be a number"),
+    ],
+)
+def test_bad_document_is_a_format_error_naming_the_key(plan: Plan, path: str, value: Any, message: str) -> None:
+    with pytest.raises(FormatError, match=f"^plan: {message}"):
+        Plan.from_dict(change(plan.to_dict(), path, value))
+
+
+@pytest.mark.parametrize("document", [None, [], 3, "slide-plan/1"])
+def test_what_is_no_document_is_a_format_error(document: object) -> None:
+    with pytest.raises(FormatError, match="format must be"):
+        Plan.from_dict(document)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".npz"])
+def test_truncated_file_is_a_format_error(plan: Plan, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"plan{suffix}"
+    plan.save(path)
+    whole = path.read_bytes()
+    for share in (0.0, 0.1, 0.5, 0.9, 0.999):
+        path.write_bytes(whole[: int(len(whole) * share)])
+        with pytest.raises(FormatError, match=r"truncated|not a readable npz|empty"):
+            Plan.load(path)
+
+
+def test_nan_in_json_is_a_format_error(plan: Plan, tmp_path: Path) -> None:
+    document = change(plan.to_dict(), "pan.velocity", [[float("nan"), 0.0]] * len(plan))
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    with pytest.raises(FormatError, match="NaN is not a finite number"):
+        Plan.load(tmp_path / "plan.json")
+
+
+def test_wrong_npz_is_a_format_error(plan: Plan, tmp_path: Path) -> None:
+    path = tmp_path / "plan.npz"
+    plan.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    for changes, message in [
+        ({"pan.velocity": np.full((250, 2), np.nan)}, r"pan.velocity\[0\], column x: nan"),
+        ({"pan.velocity": np.zeros((250, 3))}, r"pan.velocity must have the shape \(K, 2\)"),
+        ({"dt": np.array(np.nan)}, "dt must be a number"),
+        ({"friction.static": np.ones(2)}, "friction static must be a number"),
+        ({"format": np.array(1.0)}, "format must be"),
+        ({"dt.more": np.array(1.0)}, "below a value|both a value and a group"),
+        ({"object": np.array(1.0)}, "below a value|both a value and a group"),
+        ({"pan.mass": np.array(1.0)}, "pan: unknown key 'mass'"),
+        ({"quality.status": np.array([1.0, 2.0])}, "quality.status must be printable text"),
+    ]:
+        np.savez(path, **(arrays | changes))
+        with pytest.raises(FormatError, match=message):
+            Plan.load(path)
+
+
+def test_another_suffix_is_refused(plan: Plan, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"written as .json or .npz, got the suffix '.yaml'"):
+        plan.save(tmp_path / "plan.yaml")
+    with pytest.raises(FormatError, match=r"is a .json or .npz file"):
+        Plan.load(tmp_path / "plan.yaml")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".json", ".npz"])
+@pytest.mark.parametrize("failing", ["replace", "fsync"])
+def test_plan_file_appears_whole_or_not_at_all(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, failing: str
+) -> None:
+    path = tmp_path / f"plan{suffix}"
+    path.write_bytes(b"what was there")
+
+    def fail(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, failing, fail)
+    with pytest.raises(OutputError, match="cannot be written: No space left on device"):
+        plan.save(path)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+    assert path.read_bytes() == b"what was there"
+
+
+def test_interrupted_save_leaves_nothing(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        plan.save(tmp_path / "plan.json")
+    assert not list(tmp_path.iterdir())
+
+
+def test_save_into_what_cannot_hold_it_is_an_output_error(plan: Plan, tmp_path: Path) -> None:
+    (tmp_path / "folder.json").mkdir()
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path / "absent" / "plan.json", tmp_path / "folder.json", tmp_path / "file" / "plan.json"):
+        with pytest.raises(OutputError, match="cannot be written"):
+            plan.save(path)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.json"]
+
+
+def judge(**changes: Any) -> Quality:
+    """Assess three samples whose figures are easy to tell."""
+    arguments: dict[str, Any] = {
+        "command_position": np.zeros((3, 2)),
+        "pan_acceleration": np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 2.0]]),
+        "pan_position": np.array([[0.0, 0.0], [0.06, 0.08], [0.0, -0.02]]),
+        "object_velocity": np.array([[0.0, 0.0], [0.0, 1e-300], [0.0, 0.0]]),
+        "object_position": np.array([[0.0, 0.0], [0.003, 0.004], [0.0, 0.001]]),
+        "dt": 0.001,
+        "limits": {"pan_reach": 0.2, "acceleration": None},
+        "found": {"reach": (0.1, "m"), "static": (1.0, "")},
+        "trained_on": {"reach": (0.02, 0.13), "static": (0.5, 1.4)},
+    }
+    return assess(**(arguments | changes))
+
+
+def test_quality_figures() -> None:
+    quality = judge()
+    assert quality.tracking_rmse == pytest.approx(np.sqrt((0.005**2 + 0.001**2) / 3))
+    assert quality.tracking_max == pytest.approx(0.005)
+    assert quality.pan_reach == pytest.approx(0.1)
+    assert quality.acceleration_max == pytest.approx(5.0)
+    assert quality.jerk_max == pytest.approx(5000.0)
+    assert quality.sliding_share == pytest.approx(1 / 3)
+    assert quality.margins == {"pan_reach": pytest.approx(0.1), "acceleration": None}
+    assert (quality.status, quality.notes) == (Status.OK, ())
+
+
+def test_one_sample_has_no_jerk() -> None:
+    one = {
+        name: np.ones((1, 2))
+        for name in ("command_position", "pan_acceleration", "pan_position", "object_velocity", "object_position")
+    }
+    assert judge(**one).jerk_max == 0.0
+
+
+def test_passed_limit_is_the_status_and_the_first_note() -> None:
+    quality = judge(limits={"pan_reach": 0.08, "acceleration": 4.0}, found={"reach": (0.2, "m"), "static": (1.0, "")})
+    assert quality.status is Status.LIMIT_EXCEEDED
+    assert quality.margins == {"pan_reach": pytest.approx(-0.02), "acceleration": pytest.approx(-1.0)}
+    assert quality.notes == (
+        "pan reach 0.1 m exceeds the limit of 0.08 m",
+        "acceleration 5 m/s^2 exceeds the limit of 4 m/s^2",
+        "reach 0.2 m is outside the range trained on, 0.02 to 0.13 m",
+    )
+
+
+def test_float32_rounding_at_the_bound_is_no_passed_limit() -> None:
+    bound = 5.0 * (1.0 - 5e-7)
+    assert judge(limits={"pan_reach": None, "acceleration": bound}).status is Status.OK
+    assert judge(limits={"pan_reach": None, "acceleration": 4.999}).status is Status.LIMIT_EXCEEDED
+
+
+def test_command_or_friction_beyond_the_training_is_a_warning() -> None:
+    far = judge(found={"reach": (0.2, "m"), "static": (1.0, "")})
+    assert far.status is Status.BEYOND_TRAINING_RANGE
+    slippery = judge(found={"reach": (0.1, "m"), "static": (0.1, "")})
+    assert slippery.notes == ("static 0.1 is outside the range trained on, 0.5 to 1.4",)

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Status
+from runtime.friction import BATCHED_FROM, integrate_pan, rollout
+
+Curve = Callable[..., NDArray[np.float64]]
+MakeBundle = Callable[..., Path]
+
+ARRAYS = ("pan_acceleration", "pan_velocity", "pan_position", "object_velocity", "object_position")
+
+
+def distance(one: Plan, other: Plan) -> float:
+    """Return the largest distance between the objects of two plans (m)."""
+    return float(np.abs(one.object_position - other.object_position).max())
+
+
+def test_plan_starts_at_the_commands_start_at_rest(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(300)
+    plan = planner.plan(position)
+    np.testing.assert_array_equal(plan.command_position, position)
+    np.testing.assert_array_equal(plan.object_position[0], position[0])
+    for array in (plan.object_velocity, plan.pan_position, plan.pan_velocity):
+        np.testing.assert_array_equal(array[0], [0.0, 0.0])
+    assert (plan.model_name, plan.model_sha256, plan.dt) == ("tiny", planner.bundle.sha256, 0.001)
+
+
+@pytest.mark.parametrize("samples", [2, 99, 100, 101, 777, 1200])
+def test_plan_obeys_the_law_and_the_double_integrator(planner: Planner, make_curve: Curve, samples: int) -> None:
+    plan = planner.plan(make_curve(samples))
+    assert all(getattr(plan, name).shape == (samples, 2) for name in ARRAYS)
+    start = np.concatenate([plan.object_position[0], [0.0, 0.0]])
+    states = rollout(start, plan.pan_acceleration, plan.friction)[:-1]
+    np.testing.assert_array_equal(plan.object_position[1:], states[:, :2])
+    np.testing.assert_array_equal(plan.object_velocity[1:], states[:, 2:])
+    np.testing.assert_array_equal(plan.replay(), np.hstack([plan.object_position, plan.object_velocity]))
+    pan = integrate_pan(np.zeros(4), plan.pan_acceleration)[:-1]
+    np.testing.assert_allclose(plan.pan_position[1:], pan[:, :2], atol=1e-12)
+    np.testing.assert_allclose(plan.pan_velocity[1:], pan[:, 2:], atol=1e-12)
+
+
+def test_tiny_network_makes_the_object_stick_and_slide(planner: Planner, make_curve: Curve) -> None:
+    assert 0.1 < planner.plan(make_curve(1200)).quality.sliding_share < 0.9  # or the tests above show little
+
+
+def test_network_reads_the_command_and_its_own_motion_as_documented(
+    planner: Planner, make_curve: Curve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoded, observed = [], []
+    bundle = planner.bundle
+    encode, decode_step = type(bundle).encode, type(bundle).decode_step
+    monkeypatch.setattr(type(bundle), "encode", lambda self, x: encoded.append(x) or encode(self, x))
+    monkeypatch.setattr(
+        type(bundle), "decode_step", lambda self, x, state: observed.append(x) or decode_step(self, x, state)
+    )
+    command = Command(make_curve(250))
+    plan = planner.plan(command)
+
+    origin = command.position[0]
+    rows = np.hstack([command.position - origin, command.velocity])
+    rest = np.concatenate([command.position[-1] - origin, [0.0, 0.0]])
+    held = np.vstack([rows, np.tile(rest, (250, 1))]).astype(np.float32)
+    np.testing.assert_array_equal(encoded[0], held[:300].reshape(1, 3, 400))
+    states = np.hstack([plan.pan_position, plan.pan_velocity, plan.object_position - origin, plan.object_velocity])
+    seen = [np.tile(states[0], (100, 1)), states[1:101], states[101:201]]
+    assert len(observed) == 3
+    for n in range(3):
+        np.testing.assert_array_equal(observed[n][0, :800].reshape(100, 8), seen[n].astype(np.float32))
+        np.testing.assert_array_equal(observed[n][0, 800:], held[100 * n : 100 * (n + 2)].ravel())
+
+
+def test_padding_holds_the_last_position_at_rest(planner: Planner, make_curve: Curve) -> None:
+    # To the decoder a command that ends early, and one that goes on resting, are the same if both encode the same.
+    position = make_curve(777)
+    position[-3:] = position[-4]  # so that the velocity at the end is zero with and without more rest
+    resting = np.vstack([position, np.tile(position[-1], (23, 1))])
+    short, long = planner.plan(position), planner.plan(resting)
+    assert len(short) == 777
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(short, name), getattr(long, name)[:777])
+
+
+def test_planning_does_not_depend_on_where_the_command_starts(planner: Planner, make_curve: Curve) -> None:
+    shift = np.array([0.31, -0.17])
+    plan, shifted = planner.plan(make_curve(777)), planner.plan(make_curve(777) + shift)
+    np.testing.assert_allclose(shifted.pan_acceleration, plan.pan_acceleration, atol=1e-3)
+    np.testing.assert_allclose(shifted.object_position, plan.object_position + shift, atol=1e-6)
+
+
+def test_friction_is_the_manifests_unless_given(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(600)
+    assert planner.plan(position).friction == Friction(1.0, 0.5)
+    assert distance(planner.plan(position), planner.plan(position, Friction(1.0, 0.5))) == 0.0
+    slippery = planner.plan(position, friction=Friction(0.5, 0.3))
+    assert slippery.friction == Friction(0.5, 0.3)
+    assert distance(slippery, planner.plan(position)) > 1e-3
+    np.testing.assert_array_equal(slippery.replay()[:, :2], slippery.object_position)
+
+
+@pytest.mark.parametrize("count", [1, 3, BATCHED_FROM + 4])
+def test_batch_gives_the_lone_plans(planner: Planner, make_curve: Curve, count: int) -> None:
+    lengths = [500, 777, 800, 500][:count] + [800] * (count - 4)
+    commands = [make_curve(samples, seed) for seed, samples in enumerate(lengths)]
+    frictions = [Friction(1.0, 0.5), Friction(0.7, 0.4), Friction(1.2, 0.6)]
+    each = [frictions[index % 3] for index in range(count)]
+    plans = planner.plan_batch(commands, friction=each)
+    assert [len(plan) for plan in plans] == lengths
+    for plan, command, friction in zip(plans, commands, each, strict=True):
+        assert plan.friction == friction
+        assert distance(plan, planner.plan(command, friction)) < 1e-6
+        np.testing.assert_allclose(plan.replay()[:, :2], plan.object_position, atol=1e-12)
+
+
+def test_batch_takes_commands_arrays_and_none(planner: Planner, make_curve: Curve) -> None:
+    assert planner.plan_batch([]) == []
+    position = make_curve(200)
+    plans = planner.plan_batch([Command(position), position, position.tolist()])
+    assert all(distance(plan, plans[0]) < 1e-6 for plan in plans)
+    assert planner.plan_batch([position], friction=Friction(0.8, 0.4))[0].friction == Friction(0.8, 0.4)
+
+
+def test_planner_plans_from_several_threads(planner: Planner, make_curve: Curve) -> None:
+    commands = [make_curve(400, seed) for seed in range(12)]
+    with ThreadPoolExecutor(4) as threads:
+        plans = list(threads.map(planner.plan, commands))
+    for plan, command in zip(plans, commands, strict=True):
+        np.testing.assert_array_equal(plan.pan_acceleration, planner.plan(command).pan_acceleration)
+
+
+@pytest.mark.parametrize(
+    ("position", "message"),
+    [
+        (np.zeros((300, 3)), r"shape \(K, 2\), got \(300, 3\)"),
+        (np.zeros((1, 2)), "1 sample, at least 2"),
+        ([[0.0, 0.0], [0.0]], r"position\[1\] must be a pair"),
+        (np.full((5, 2), np.nan), r"position\[0\], column x: nan"),
+        ([["a", "b"], ["c", "d"]], "must be a number, got 'a'"),
+        (None, "must be a list of pairs"),
+    ],
+)
+def test_bad_position_is_an_input_error(planner: Planner, position: Any, message: str) -> None:
+    for attempt in (planner.plan, planner.stream):
+        with pytest.raises(InputError, match=message):
+            attempt(position)
+    with pytest.raises(InputError, match=f"command 1: .*{message}"):
+        planner.plan_batch([np.zeros((5, 2)), position])
+
+
+def test_bad_friction_is_an_input_error(planner: Planner) -> None:
+    rest: Any = np.zeros((5, 2))
+    wrong: Any = (1.0, 0.5)
+    with pytest.raises(InputError, match="friction must be a Friction"):
+        planner.plan(rest, wrong)
+    with pytest.raises(InputError, match="friction must be a Friction"):
+        planner.plan_batch([rest], 1.0)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="one for all or one for each: 2 for 1"):
+        planner.plan_batch([rest], [Friction(), Friction()])
+
+
+def test_not_finite_acceleration_is_an_error_and_no_plan(
+    make_bundle: MakeBundle, make_decoder_step: Callable[..., bytes], tmp_path: Path
+) -> None:
+    broken = make_decoder_step(100, 8, 2, 2, scale=float("nan"))
+    with pytest.raises(BundleError, match="bundle 'tiny' gave no finite number in iteration 0"):
+        Planner(make_bundle(tmp_path, models={"decoder_step": broken}))
+
+
+def test_decoder_that_sees_no_command_plans_too(
+    make_bundle: MakeBundle, make_decoder_step: Callable[..., bytes], make_curve: Curve, tmp_path: Path
+) -> None:
+    planner = Planner(make_bundle(tmp_path, models={"decoder_step": make_decoder_step(100, 8, 2, 0)}, command_ahead=0))
+    position = make_curve(777)
+    plans = planner.plan_batch([position, make_curve(777, 1)])
+    assert distance(plans[0], planner.plan(position)) < 1e-6
+    stream = planner.stream(position)
+    assert stream.step(np.zeros((100, 4)), np.tile([*position[0], 0, 0], (100, 1))).shape == (100, 2)
+
+
+def test_limits_and_ranges_come_from_the_manifest(make_bundle: MakeBundle, make_curve: Curve, tmp_path: Path) -> None:
+    planner = Planner(make_bundle(tmp_path / "a", pan_limit=1e-3, acceleration_bound=1e-3))
+    quality = planner.plan(make_curve(600)).quality
+    assert quality.status is Status.LIMIT_EXCEEDED
+    assert quality.limits == {"pan_reach": 1e-3, "acceleration": 1e-3}
+    assert len(quality.notes) == 2
+    trained_on = {"static": [1, 1], "kinetic": [0.5, 0.5], "reach": [0, 0.01], "speed": [0, 0.05], "samples": [1, 500]}
+    planner = Planner(make_bundle(tmp_path / "b", trained_on=trained_on))
+    quality = planner.plan(make_curve(600), Friction(0.9, 0.4)).quality
+    assert quality.status is Status.BEYOND_TRAINING_RANGE
+    assert [note.split()[0] for note in quality.notes] == ["static", "kinetic", "reach", "speed", "samples"]
+    assert planner.plan(np.zeros((100, 2))).quality.status is Status.OK
+
+
+def test_stream_fed_with_the_prediction_gives_the_plan(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(500)
+    plan = planner.plan(position)
+    pan = np.hstack([plan.pan_position, plan.pan_velocity])
+    sliding = np.hstack([plan.object_position, plan.object_velocity])
+    stream = planner.stream(position)
+    u = stream.step(np.tile(pan[0], (100, 1)), np.tile(sliding[0], (100, 1)))
+    np.testing.assert_array_equal(u, plan.pan_acceleration[:100])
+    for n in range(1, 5):
+        rows = slice(100 * n - 99, 100 * n + 1)
+        u = stream.step(pan[rows], sliding[rows])
+        np.testing.assert_array_equal(u, plan.pan_acceleration[100 * n : 100 * n + 100])
+
+
+def test_stream_reacts_to_what_is_measured_and_outlives_its_command(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(150)
+    start = np.tile([*position[0], 0.0, 0.0], (100, 1))
+    one, other = planner.stream(position), planner.stream(position)
+    first = one.step(np.zeros((100, 4)), start)
+    assert not np.array_equal(first, other.step(np.zeros((100, 4)), start + np.array([0.01, 0.0, 0.0, 0.0])))
+    for _ in range(8):
+        assert np.isfinite(one.step(np.zeros((100, 4)), start)).all()
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (np.zeros((99, 4)), r"\(100, 4\) numbers, got float64 of the shape \(99, 4\)"),
+        (np.full((100, 4), "a"), r"\(100, 4\) numbers, got <U1"),
+        ([[0.0], [0.0, 0.0]], r"\(100, 4\) numbers"),
+        (np.where(np.arange(400).reshape(100, 4) == 5, np.nan, 0.0), r"\[1, 1\]: nan is not a finite number"),
+    ],
+)
+def test_bad_measurement_is_an_input_error_and_changes_nothing(planner: Planner, bad: Any, message: str) -> None:
+    stream, untouched = planner.stream(np.zeros((200, 2))), planner.stream(np.zeros((200, 2)))
+    rest = np.zeros((100, 4))
+    with pytest.raises(InputError, match=f"pan_state.*{message}"):
+        stream.step(bad, rest)
+    with pytest.raises(InputError, match=f"object_state.*{message}"):
+        stream.step(rest, bad)
+    np.testing.assert_array_equal(stream.step(rest, rest), untouched.step(rest, rest))
