@@ -1,0 +1,66 @@
+"""A configuration that cannot work is refused before the first step, and the key is named."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from runtime.errors import InputError
+from train.config import CONFIGURATIONS, load_config
+
+
+def test_named_configurations_are_the_ones_promised():
+    assert {"default", "smoke", "paper"} <= set(CONFIGURATIONS)
+    paper = CONFIGURATIONS["paper"]
+    assert (paper.units, paper.layers, paper.chunk, paper.command_ahead) == (1024, 2, 100, 0)
+    assert (paper.epochs, paper.trajectories, paper.curriculum) == (50, 8192, "table-1")
+    assert (paper.alpha, paper.beta, paper.gamma, paper.pan_limit) == (1.0, 10.0, 1.0, 0.2)
+    assert (paper.tracking, paper.acceleration_bound) == ("likelihood", None)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("gama", 1.0),
+        ("gamma", -1.0),
+        ("units", 0),
+        ("learning_rate", float("nan")),
+        ("reach", [0.2, 0.1]),
+        ("reach", [0.0, 0.1]),
+        ("samples", [50, 400]),
+        ("kinetic", 2.0),
+        ("families", {"zigzag": 1.0}),
+        ("families", {"moves": 0.0}),
+        ("batch", 100_000),
+        ("precision", "float8"),
+        ("curriculum", "table-2"),
+        ("average", 1.0),
+    ],
+)
+def test_bad_value_is_refused_by_name(tmp_path, key, value):
+    values = CONFIGURATIONS["smoke"].model_dump(mode="json") | {key: value}
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(values))
+    with pytest.raises(InputError, match=key):
+        load_config(str(path))
+
+
+def test_file_configuration_is_read_and_changed(tmp_path):
+    path = tmp_path / "mine.json"
+    path.write_text(CONFIGURATIONS["smoke"].model_copy(update={"name": "mine"}).model_dump_json())
+    config = load_config(str(path), seed=3, epochs=None)
+    assert (config.name, config.seed, config.epochs) == ("mine", 3, CONFIGURATIONS["smoke"].epochs)
+
+
+@pytest.mark.parametrize("source", ["defualt", "absent.json"])
+def test_unknown_configuration_is_refused(source):
+    with pytest.raises(InputError, match=source):
+        load_config(source)
+
+
+def test_truncated_file_is_refused(tmp_path):
+    path = tmp_path / "cut.json"
+    path.write_text(CONFIGURATIONS["smoke"].model_dump_json()[:50])
+    with pytest.raises(InputError, match=r"cut\.json"):
+        load_config(str(path))

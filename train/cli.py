@@ -1,0 +1,192 @@
+"""The command line: `slide-train` and `slide-eval`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from runtime.cli import AsJson, print_json, run, say
+from runtime.errors import InputError, OutputError
+from train.commands import FAMILIES
+from train.config import CONFIGURATIONS, TrainConfig, load_config
+
+MM = 1e3
+"""Millimetres in a metre."""
+
+
+class Device(StrEnum):
+    """Where to train."""
+
+    AUTO = "auto"
+    CPU = "cpu"
+    CUDA = "cuda"
+
+
+class ModelName(StrEnum):
+    """The models of Section V-B."""
+
+    A = "A"
+    B = "B"
+    C = "C"
+
+
+class Precision(StrEnum):
+    """Of the network's matrix products while training."""
+
+    FLOAT32 = "float32"
+    BFLOAT16 = "bfloat16"
+
+
+def train_main() -> None:
+    """Entry point of `slide-train`."""
+    run("slide-train", slide_train)
+
+
+def eval_main() -> None:
+    """Entry point of `slide-eval`."""
+    run("slide-eval", slide_eval)
+
+
+def slide_train(
+    config: Annotated[
+        str, typer.Argument(help=f"Configuration: {', '.join(CONFIGURATIONS)}, or a .json file.", show_default=False)
+    ],
+    run_folder: Annotated[
+        Path | None, typer.Option("--run", help="Folder of the run; runs/CONFIG[-MODEL] if not given.", metavar="DIR")
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option("--resume", help="Continue the run in this folder.", metavar="RUN")
+    ] = None,
+    model: Annotated[ModelName | None, typer.Option(help="Model A, B or C of the paper's Section V-B.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the weights and of all that is drawn.")] = None,
+    epochs: Annotated[int | None, typer.Option(help="Epochs over which the curriculum is stretched.")] = None,
+    threads: Annotated[int | None, typer.Option(help="CPU threads.")] = None,
+    precision: Annotated[
+        Precision | None, typer.Option(help="Of the matrix products; bfloat16 is faster where the processor has it.")
+    ] = None,
+    device: Annotated[Device, typer.Option(help="Where to train.")] = Device.AUTO,
+    as_json: AsJson = False,
+) -> None:
+    """Train a network; each epoch leaves a checkpoint from which --resume continues."""
+    settings = load_config(
+        config,
+        model=None if model is None else model.value,
+        seed=seed,
+        epochs=epochs,
+        threads=threads,
+        precision=None if precision is None else precision.value,
+    )
+    if resume is not None and run_folder is not None:
+        raise InputError("--run and --resume both name the run's folder: give one of them")
+    folder = resume or run_folder or Path("runs") / _run_name(settings)
+
+    from train.trainer import CHECKPOINT, Trainer, load_checkpoint  # torch takes seconds to load
+
+    if resume is None and (folder / CHECKPOINT).exists():
+        raise OutputError(f"{folder} holds a run already: continue it with --resume {folder}, or give another --run")
+    checkpoint = None if resume is None else load_checkpoint(resume)
+    trainer = Trainer(settings, folder, _device(device))
+    if checkpoint is not None:
+        trainer.resume(checkpoint)
+    try:
+        with _progress(trainer, quiet=as_json) as report:
+            trainer.train(report)
+    except KeyboardInterrupt:
+        if trainer.epoch:
+            say("slide-train", f"interrupted after epoch {trainer.epoch}; continue with --resume {folder}")
+        raise
+    summary = {
+        "checkpoint": str(folder / CHECKPOINT),
+        "epochs": trainer.epoch,
+        "steps_skipped": trainer.skipped,
+        "validation": trainer.validation,
+    }
+    if as_json:
+        print_json(summary)
+    else:
+        print(f"{summary['checkpoint']}: export it with  slide-export {folder} -o BUNDLE")
+
+
+def _run_name(config: TrainConfig) -> str:
+    return config.name if config.model == "A" else f"{config.name}-{config.model}"
+
+
+def _device(device: Device) -> str:
+    import torch
+
+    if device is Device.AUTO:
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if device is Device.CUDA and not torch.cuda.is_available():
+        raise InputError("--device cuda: torch finds no CUDA device here; use --device cpu")
+    return device.value
+
+
+@contextmanager
+def _progress(trainer: Any, quiet: bool) -> Iterator[Any]:
+    """Give a function that shows a step: a progress bar on a terminal, a line an epoch elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True, highlight=False)
+    if quiet:
+        yield lambda step: None
+    elif not console.is_terminal:
+        yield lambda step: None if step.step % trainer.steps_per_epoch else print(_figures(step), file=sys.stderr)
+    else:
+        columns = (TextColumn("{task.description}"), BarColumn(None), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task("", total=trainer.steps, completed=trainer.epoch * trainer.steps_per_epoch)
+            yield lambda step: bar.update(task, completed=step.step, description=_figures(step))
+
+
+def _figures(step: Any) -> str:
+    skipped = f", {step.skipped} skipped" if step.skipped else ""
+    return (
+        f"epoch {step.epoch}, stage {step.stage}: loss {step.loss:.2f}, "
+        f"error {step.tracking * MM:.1f} mm, reach {step.pan_reach * MM:.0f} mm{skipped}"
+    )
+
+
+def slide_eval(
+    sources: Annotated[list[Path], typer.Argument(help="Runs, checkpoints or bundles.", show_default=False)],
+    reproduce: Annotated[
+        Path | None, typer.Option(help="Write the paper's evaluation into this folder.", metavar="DIR")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Evaluate networks on every family of commands they may be given, under nominal friction."""
+    from train.evaluate import evaluate, load_subject
+
+    subjects = [load_subject(source) for source in sources]
+    if reproduce is not None:
+        from train.reproduction import reproduce as write_reproduction
+
+        for path in write_reproduction(subjects, reproduce):
+            say("slide-eval", f"wrote {path}")
+    tables = {subject.name: {family: evaluate(subject, family) for family in FAMILIES} for subject in subjects}
+    if as_json:
+        print_json({name: {family: row._asdict() for family, row in table.items()} for name, table in tables.items()})
+    else:
+        for name, table in tables.items():
+            _print_rows(name, table)
+
+
+def _print_rows(name: str, rows: dict[str, Any]) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{name} (mm)", title_justify="left", box=box.SIMPLE)
+    table.add_column("commands", no_wrap=True)
+    for title in ("RMSE mean", "median", "worst", "still pan", "reach mean", "worst"):
+        table.add_column(title, justify="right")
+    for family, row in rows.items():
+        figures = (row.rmse_mean, row.rmse_median, row.rmse_worst, row.still_mean, row.reach_mean, row.reach_worst)
+        table.add_row(family, *(f"{figure * MM:.1f}" for figure in figures))
+    Console(markup=False, highlight=False).print(table)

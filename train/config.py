@@ -1,0 +1,153 @@
+"""What a training run is told: one model, checked when it is built, and the configurations that have a name."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from runtime.errors import InputError
+from train.commands import FAMILIES
+from train.curriculum import CURRICULA, Model
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(gt=0)]
+Range = tuple[Positive, Positive]
+
+
+class TrainConfig(BaseModel):
+    """Everything that decides what a run trains; equal configurations and threads give equal weights.
+
+    Lengths are in samples of 1 ms, ranges are (lowest, highest).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", description="name of the configuration and of the bundle")
+    model: Model = Field("A", description="model A, B or C of Section V-B")
+    curriculum: Literal["table-1", "gradual"] = "gradual"
+    seed: int = Field(0, ge=0)
+
+    units: Count = Field(256, description="LSTM units per layer")
+    layers: Count = 2
+    chunk: Count = Field(100, description="samples per encoder and decoder iteration, C")
+    command_ahead: int = Field(2, ge=0, description="command chunks in the decoder's input; 0 in the paper")
+    acceleration_bound: Positive | None = Field(30.0, description="bound on |u| inside the network (m/s^2)")
+
+    epochs: Count = 50
+    trajectories: Count = Field(4096, description="trajectories per epoch")
+    batch: Count = 64
+    learning_rate: Positive = 1e-3
+    final_learning_rate: NonNegative = 1e-5
+    gradient_clip: Positive = Field(1.0, description="bound on the gradient's norm")
+    average: float = Field(0.0, ge=0, lt=1, description="decay of the weights' moving average per step; 0: none")
+    precision: Literal["float32", "bfloat16"] = Field("float32", description="of the network's matrix products")
+    threads: Count = Field(2, description="CPU threads of torch; resuming bit for bit needs the same number")
+
+    tracking: Literal["likelihood", "distance"] = Field("likelihood", description="of L: Eq. 22, or distance in mm")
+    alpha: Positive = Field(1.0, description="weight of the tracking loss, Eq. 22")
+    beta: NonNegative = Field(50.0, description="weight of the pan limit, Eq. 23")
+    gamma: NonNegative = Field(0.1, description="weight of the change of acceleration, Eq. 24")
+    pan_limit: Positive = Field(0.2, description="limit of the pan's motion (m)")
+
+    samples: tuple[Count, Count] = Field((500, 1500), description="lengths of the trajectories")
+    shorten: bool = Field(True, description="let half of the free commands end within their last chunk")
+    families: dict[str, NonNegative] = Field(description="weights of the families of free commands")
+    reach: Range = Field((0.01, 0.15), description="largest distance of a free command from its start (m)")
+    speed: Positive = Field(0.7, description="bound on the speed of a free command (m/s)")
+    physics_reach: Range = Field((0.03, 0.15), description="the same for physics-generated commands (m)")
+    physics_knots: Range = Field((0.15, 0.4), description="spacing of their knots (s)")
+    static: Positive = Field(1.0, description="nominal static friction")
+    kinetic: Positive = Field(0.5, description="nominal kinetic friction")
+    static_range: Range = Field((0.4, 1.5), description="of stages that vary friction")
+    kinetic_range: Range = Field((0.2, 0.8), description="of stages that vary friction, up to the static one")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TrainConfig:
+        for key in ("samples", "reach", "physics_reach", "physics_knots", "static_range", "kinetic_range"):
+            low, high = getattr(self, key)
+            if low > high:
+                raise ValueError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")
+        if self.samples[0] < self.chunk:
+            raise ValueError(f"samples: {self.samples[0]} is shorter than a chunk of {self.chunk}")
+        if self.kinetic > self.static:
+            raise ValueError(f"kinetic: {self.kinetic:g} exceeds static, {self.static:g}")
+        if self.kinetic_range[0] > self.static_range[0]:
+            raise ValueError(f"kinetic_range: its lowest, {self.kinetic_range[0]:g}, exceeds that of static_range")
+        unknown = sorted(set(self.families) - set(FAMILIES))
+        if unknown:
+            raise ValueError(f"families: unknown {', '.join(unknown)}; known are {', '.join(FAMILIES)}")
+        if sum(self.families.values()) <= 0:
+            raise ValueError("families: at least one weight must be positive")
+        if self.batch > self.trajectories:
+            raise ValueError(f"batch: {self.batch} exceeds the {self.trajectories} trajectories of an epoch")
+        assert self.curriculum in CURRICULA
+        return self
+
+
+BROAD = {
+    "spline_acceleration": 0.3,
+    "spline_position": 0.15,
+    "moves": 0.15,
+    "strokes": 0.05,
+    "creeps": 0.05,
+    "loops": 0.15,
+    "drawings": 0.15,
+}
+"""The mix of commands that people give."""
+
+CONFIGURATIONS: dict[str, TrainConfig] = {
+    "default": TrainConfig(name="default", families=BROAD),
+    "smoke": TrainConfig(
+        name="smoke", families=BROAD, units=16, epochs=5, trajectories=32, batch=8, samples=(200, 400), threads=1
+    ),
+    "paper": TrainConfig(
+        name="paper",
+        families={"spline_acceleration": 1.0},
+        curriculum="table-1",
+        units=1024,
+        command_ahead=0,
+        acceleration_bound=None,
+        trajectories=8192,
+        final_learning_rate=1e-3,
+        beta=10.0,
+        gamma=1.0,
+        reach=(0.03, 0.15),
+        shorten=False,
+        static_range=(1.0, 1.0),
+        kinetic_range=(0.5, 0.5),
+    ),
+}
+"""Configurations by name; any other comes from a JSON file."""
+
+
+def load_config(source: str, **changes: object) -> TrainConfig:
+    """Return the configuration named `source`, or that of the JSON file `source`, with `changes` applied.
+
+    Raises:
+        InputError: no such name or file, not JSON, an unknown key, or a value out of its range; the key is named.
+    """
+    try:
+        if source in CONFIGURATIONS:
+            values = CONFIGURATIONS[source].model_dump()
+        elif source.endswith(".json"):
+            values = TrainConfig.model_validate_json(Path(source).read_bytes()).model_dump()
+        else:
+            raise InputError(
+                f"unknown configuration {source!r}: known are {', '.join(CONFIGURATIONS)}, or a .json file"
+            )
+        return TrainConfig.model_validate(values | {k: v for k, v in changes.items() if v is not None})
+    except ValidationError as error:
+        raise InputError(f"configuration {source}: {_first_problem(error)}") from None
+    except OSError as error:
+        raise InputError(f"configuration {source}: {os.strerror(error.errno or 0)}") from None
+
+
+def _first_problem(error: ValidationError) -> str:
+    problem = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in problem["loc"])
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}, got {problem['input']!r}" if where else message

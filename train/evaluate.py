@@ -1,0 +1,114 @@
+"""Evaluation of trained networks, as checkpoints or as bundles: tracking, pan reach, robustness to friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from runtime import Friction, Planner
+from train.closed_loop import decode
+from train.commands import FAMILIES, FloatArray, free_commands
+from train.trainer import load_checkpoint, load_model, make_batch
+
+SEED = 11
+COMMANDS = 64
+SAMPLES = 1200
+REACH = (0.03, 0.15)
+SPEED = 0.7
+NOMINAL = Friction()
+
+
+class Motions(NamedTuple):
+    """What a network made of B commands, on the commands' time line, all (B, K, 2): u in m/s^2, positions in m."""
+
+    u: FloatArray
+    pan_position: FloatArray
+    object_position: FloatArray
+
+
+class Subject(NamedTuple):
+    """A network under evaluation: its name and a function that decodes (B, K, 2) commands under a friction."""
+
+    name: str
+    decode: Callable[[FloatArray, Friction], Motions]
+
+
+class Row(NamedTuple):
+    """Figures over one family of commands; RMSE and reach in metres, change of acceleration in m/s^2."""
+
+    rmse_mean: float
+    rmse_median: float
+    rmse_worst: float
+    still_mean: float
+    reach_mean: float
+    reach_worst: float
+    change_mean: float
+
+
+def load_subject(source: Path) -> Subject:
+    """Return the network of a run's folder, a checkpoint file or a bundle's folder.
+
+    Raises:
+        FormatError, BundleError: it is none of these.
+    """
+    if (source / "manifest.json").exists():
+        planner = Planner(source)
+
+        def decode_bundle(position: FloatArray, friction: Friction) -> Motions:
+            plans = planner.plan_batch(list(position), friction=friction)
+            return Motions(
+                np.stack([plan.pan_acceleration for plan in plans]),
+                np.stack([plan.pan_position for plan in plans]),
+                np.stack([plan.object_position for plan in plans]),
+            )
+
+        return Subject(source.name, decode_bundle)
+
+    config, model = load_model(load_checkpoint(source))
+
+    def decode_network(position: FloatArray, friction: Friction) -> Motions:
+        batch, samples = position.shape[:2]
+        held = np.concatenate([position, position[:, -1:].repeat(-samples % config.chunk, axis=1)], axis=1)
+        ones = np.ones(batch)
+        inputs = make_batch(held, np.full(batch, samples), None, friction.static * ones, friction.kinetic * ones)
+        with torch.no_grad():
+            motion = decode(model, inputs.command, inputs.static_limit, inputs.kinetic_limit)
+        states = np.concatenate([np.zeros((batch, 1, 8)), motion.states.numpy()], axis=1)[:, :samples]
+        return Motions(motion.u.numpy()[:, :samples], states[..., 0:2], states[..., 4:6])
+
+    return Subject(source.name if source.is_dir() else source.parent.name, decode_network)
+
+
+def commands_of(family: str, count: int = COMMANDS, seed: int = SEED) -> FloatArray:
+    """Draw the evaluation's commands of one family, (count, 1200, 2), none of which training draws."""
+    rng = np.random.default_rng([seed, list(FAMILIES).index(family)])
+    return free_commands(rng, count, SAMPLES, {family: 1.0}, REACH, SPEED, 1).position
+
+
+def tracking_rmse(motions: Motions, position: FloatArray) -> FloatArray:
+    """RMS over time of the distance between object and command, (B,) in metres."""
+    squared = ((motions.object_position - position) ** 2).sum(-1)
+    return np.asarray(np.sqrt(squared.mean(axis=1)))
+
+
+def evaluate(subject: Subject, family: str, friction: Friction = NOMINAL) -> Row:
+    """Evaluate a network on one family of commands."""
+    position = commands_of(family)
+    motions = subject.decode(position, friction)
+    error = tracking_rmse(motions, position)
+    still = tracking_rmse(Motions(motions.u, motions.pan_position, np.zeros_like(position)), position)
+    reach = np.linalg.norm(motions.pan_position, axis=-1).max(axis=1)
+    change = np.linalg.norm(np.diff(motions.u, axis=1), axis=-1).mean()
+    return Row(
+        float(error.mean()),
+        float(np.median(error)),
+        float(error.max()),
+        float(still.mean()),
+        float(reach.mean()),
+        float(reach.max()),
+        float(change),
+    )

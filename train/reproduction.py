@@ -1,0 +1,154 @@
+"""The paper's evaluation, drawn again: Fig. 8 (trajectories) and Fig. 11 (errors over friction), and their table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime import Friction
+from runtime.errors import MissingExtraError, OutputError
+from train.commands import FloatArray
+from train.evaluate import Subject, commands_of, evaluate, tracking_rmse
+
+STATIC = (0.4, 0.6, 0.8, 1.0, 1.2, 1.4)
+KINETIC = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
+TRAJECTORIES_PER_CELL = 10
+
+FAMILY = "spline_acceleration"
+"""The paper's own kind of command: B-spline accelerations (Section IV-B)."""
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+PAN_LIMIT = 0.2
+
+
+def reproduce(subjects: Sequence[Subject], folder: Path) -> list[Path]:
+    """Write `reproduction.md` and its pictures into `folder`.
+
+    Args:
+        subjects: the models to compare, in the order in which they are shown.
+        folder: made if need be.
+
+    Returns:
+        The files written.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+        OutputError: a file could not be written.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingExtraError("pictures need matplotlib: pip install 'slide-planner[report]'") from error
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        figures = {
+            "reproduction-trajectories.png": _trajectories(Figure, subjects),
+            "reproduction-friction.png": _friction(Figure, subjects),
+        }
+        for name, figure in figures.items():
+            figure.savefig(folder / name, dpi=110)
+        text = folder / "reproduction.md"
+        text.write_text(_document(subjects), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {error.strerror}") from error
+    return [text, *(folder / name for name in figures)]
+
+
+def _trajectories(figure_class: Any, subjects: Sequence[Subject]) -> Any:
+    """Fig. 8: object and pan positions of every model for one command of K = 1200."""
+    position = commands_of(FAMILY)[3:4]
+    time = np.arange(position.shape[1]) * 1e-3
+    figure = figure_class(figsize=(10, 7), layout="constrained")
+    axes = figure.subplots(2, 3, width_ratios=(1.1, 1.1, 1))
+    for row, what in enumerate(("Object, relative to the pan", "Pan")):
+        for column, coordinate in enumerate("xy"):
+            axes[row, column].set(xlabel="time (s)", ylabel=f"{coordinate} (mm)", title=f"{what}: {coordinate}")
+        axes[row, 2].set(xlabel="x (mm)", ylabel="y (mm)", title=f"{what}, from above", aspect="equal")
+        axes[row, 2].set_adjustable("datalim")
+    _draw(axes[0], time, position[0], color="black", linestyle="--", label="command")
+    for subject, colour in zip(subjects, COLOURS, strict=False):
+        motions = subject.decode(position, Friction())
+        _draw(axes[0], time, motions.object_position[0], color=colour, label=subject.name)
+        _draw(axes[1], time, motions.pan_position[0], color=colour, label=subject.name)
+    angle = np.linspace(0, 2 * np.pi, 200)
+    axes[1, 2].plot(200 * np.cos(angle), 200 * np.sin(angle), color="gray", linewidth=0.8, label="0.2 m")
+    axes[0, 0].legend(loc="best", fontsize=8)
+    axes[1, 2].legend(loc="best", fontsize=8)
+    return figure
+
+
+def _draw(axes: Any, time: NDArray[np.floating[Any]], position: FloatArray, **style: object) -> None:
+    millimetres = 1e3 * position
+    axes[0].plot(time, millimetres[:, 0], **style)
+    axes[1].plot(time, millimetres[:, 1], **style)
+    axes[2].plot(millimetres[:, 0], millimetres[:, 1], **style)
+
+
+def _friction(figure_class: Any, subjects: Sequence[Subject]) -> Any:
+    """Fig. 11: mean reproduction error over static x kinetic friction, the same trajectories in every cell."""
+    position = commands_of(FAMILY, TRAJECTORIES_PER_CELL)
+    tables = [_friction_table(subject, position) for subject in subjects]
+    figure = figure_class(figsize=(4.2 * len(subjects), 3.9), layout="constrained")
+    highest = max(float(np.nanmax(table)) for table in tables)
+    for axes, subject, table in zip(np.atleast_1d(figure.subplots(1, len(subjects))), subjects, tables, strict=True):
+        image = axes.imshow(table, origin="lower", vmin=0.0, vmax=highest, cmap="viridis")
+        axes.set(title=f"{subject.name}: RMS error (mm)", xlabel="static friction", ylabel="kinetic friction")
+        axes.set_xticks(range(len(STATIC)), [f"{value:g}" for value in STATIC])
+        axes.set_yticks(range(len(KINETIC)), [f"{value:g}" for value in KINETIC])
+        for (row, column), value in np.ndenumerate(table):
+            if np.isfinite(value):
+                colour = "black" if value > 0.6 * highest else "white"
+                axes.text(column, row, f"{value:.1f}", ha="center", va="center", color=colour, fontsize=8)
+    figure.colorbar(image, ax=figure.axes, shrink=0.8, label="mm")
+    return figure
+
+
+def _friction_table(subject: Subject, position: FloatArray) -> FloatArray:
+    """Mean tracking RMSE (mm), kinetic by static; not a number where kinetic friction would exceed static."""
+    table = np.full((len(KINETIC), len(STATIC)), np.nan)
+    for row, kinetic in enumerate(KINETIC):
+        for column, static in enumerate(STATIC):
+            if kinetic <= static:
+                motions = subject.decode(position, Friction(static, kinetic))
+                table[row, column] = 1e3 * tracking_rmse(motions, position).mean()
+    return table
+
+
+def _document(subjects: Sequence[Subject]) -> str:
+    rows = [
+        "| model | tracking RMSE, mean | median | worst | pan reach, mean | worst | mean change of u per sample |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for subject in subjects:
+        row = evaluate(subject, FAMILY)
+        rows.append(
+            f"| {subject.name} | {1e3 * row.rmse_mean:.1f} mm | {1e3 * row.rmse_median:.1f} mm "
+            f"| {1e3 * row.rmse_worst:.1f} mm | {row.reach_mean:.3f} m | {row.reach_worst:.3f} m "
+            f"| {row.change_mean:.2f} m/s² |"
+        )
+    still = evaluate(subjects[0], FAMILY).still_mean
+    return f"""# The paper's evaluation, reproduced
+
+Written by `slide-eval RUN ... --reproduce docs`; figures over 64 commands whose acceleration is a B-spline
+(Section IV-B), K = 1200, friction 1.0/0.5. A pan that never moves has an error of {1e3 * still:.1f} mm on them.
+
+{chr(10).join(rows)}
+
+Model A is trained by the whole curriculum, model B by stage 3 alone, model C by stage 1 alone, each for the same
+number of trajectories (Section V-B).
+
+## Fig. 8: reproduced trajectories
+
+![Object and pan positions of each model](reproduction-trajectories.png)
+
+## Fig. 11: errors over friction
+
+The network is not told the friction; each cell is the mean over {TRAJECTORIES_PER_CELL} trajectories, the same in
+every cell. Cells in which kinetic friction would exceed static friction are empty.
+
+![Tracking error over static and kinetic friction](reproduction-friction.png)
+"""

@@ -1,0 +1,211 @@
+"""The differentiable rollout: pan and object driven by pan accelerations, and the adjoint of that (Eqs. 3, 4, 9).
+
+The law is `runtime.friction.slide_step`, and its adjoint is `slide_step_adjoint` below: two scalar functions in
+plain Python. `_make_rollout` compiles them, with the loops over samples around them, for whatever target it is
+handed: numba's CPU compiler here, one thread per trajectory on CUDA in `train.rollout_cuda`. `Rollout` is the one
+`torch.autograd.Function` per chunk that training sees; everything in it is float64.
+
+A row of states is (pan x, y, vx, vy, object x, y, vx, vy): pan in the world, object relative to the pan, m and m/s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import torch
+from torch import Tensor
+
+from runtime.friction import DT, slide_step
+
+ADJOINT_SPEED_FLOOR = 0.02
+"""Smallest speed that d(v/|v|)/dv is divided by (m/s), in the gradient only.
+
+Its true size, mu' g dt / |v| per sample, explodes as the object comes to rest and drowns every other gradient.
+"""
+
+
+def slide_step_adjoint(
+    vx: float,
+    vy: float,
+    ux: float,
+    uy: float,
+    static_limit: float,
+    kinetic_limit: float,
+    dt: float,
+    grad_px: float,
+    grad_py: float,
+    grad_vx: float,
+    grad_vy: float,
+) -> tuple[float, float, float, float]:
+    """Carry a gradient back through one `slide_step`, branch by branch.
+
+    Args:
+        vx, vy, ux, uy, static_limit, kinetic_limit, dt: the step's own arguments (its position plays no part).
+        grad_px, grad_py, grad_vx, grad_vy: gradient with respect to the step's next position and velocity.
+
+    Returns:
+        The gradient with respect to vx, vy, ux, uy. That with respect to the position is grad_px, grad_py unchanged.
+    """
+    half = 0.5 * dt * dt
+    speed = math.sqrt(vx * vx + vy * vy)
+    grad_ax = grad_px * half + grad_vx * dt
+    grad_ay = grad_py * half + grad_vy * dt
+    if speed > 0.0:
+        dx = vx / speed
+        dy = vy / speed
+        next_vx = vx + (-ux - kinetic_limit * dx) * dt
+        next_vy = vy + (-uy - kinetic_limit * dy) * dt
+        if next_vx * vx + next_vy * vy <= 0.0:
+            # Comes to rest: v+ = 0 and p+ = p + v dt/2, whatever u is.
+            return 0.5 * dt * grad_px, 0.5 * dt * grad_py, 0.0, 0.0
+        along = dx * grad_ax + dy * grad_ay
+        stiffness = kinetic_limit / max(speed, ADJOINT_SPEED_FLOOR)
+        return (
+            grad_vx + dt * grad_px - stiffness * (grad_ax - along * dx),
+            grad_vy + dt * grad_py - stiffness * (grad_ay - along * dy),
+            -grad_ax,
+            -grad_ay,
+        )
+    push = math.sqrt(ux * ux + uy * uy)
+    if push >= static_limit and push > 0.0:
+        # a = -u + mu g u/|u|, so da/du = -(1 - mu g/|u|) I - mu g/|u| (u/|u|)(u/|u|)'.
+        dx = ux / push
+        dy = uy / push
+        along = dx * grad_ax + dy * grad_ay
+        held = static_limit / push
+        return (
+            dt * grad_px,
+            dt * grad_py,
+            held * (grad_ax - along * dx) - grad_ax,
+            held * (grad_ay - along * dy) - grad_ay,
+        )
+    return dt * grad_px, dt * grad_py, 0.0, 0.0
+
+
+def make_rollout(compiler: Callable[[Any], Any]) -> tuple[Any, Any]:
+    """Compile the law, its adjoint and the loops over the samples of one trajectory with `compiler`.
+
+    Args:
+        compiler: turns a Python function into a compiled one, e.g. `numba.njit` or `cuda.jit(device=True)`.
+
+    Returns:
+        `forward(b, start, u, static_limit, kinetic_limit, dt, states)`, which fills states[b], and
+        `backward(b, start, u, static_limit, kinetic_limit, dt, states, grad_states, grad_start, grad_u)`, which
+        fills grad_start[b] and grad_u[b]. Shapes: start (B, 8), u (B, n, 2), limits (B,), states (B, n, 8).
+    """
+    step = compiler(slide_step)
+    step_adjoint = compiler(slide_step_adjoint)
+
+    @compiler
+    def forward(b, start, u, static_limit, kinetic_limit, dt, states):  # type: ignore[no-untyped-def]
+        half = 0.5 * dt * dt
+        x, y, vx, vy = start[b, 0], start[b, 1], start[b, 2], start[b, 3]
+        px, py, wx, wy = start[b, 4], start[b, 5], start[b, 6], start[b, 7]
+        for k in range(u.shape[1]):
+            ux, uy = u[b, k, 0], u[b, k, 1]
+            px, py, wx, wy = step(px, py, wx, wy, ux, uy, static_limit[b], kinetic_limit[b], dt)
+            x += vx * dt + ux * half
+            y += vy * dt + uy * half
+            vx += ux * dt
+            vy += uy * dt
+            states[b, k, 0], states[b, k, 1], states[b, k, 2], states[b, k, 3] = x, y, vx, vy
+            states[b, k, 4], states[b, k, 5], states[b, k, 6], states[b, k, 7] = px, py, wx, wy
+
+    @compiler
+    def backward(b, start, u, static_limit, kinetic_limit, dt, states, grad_states, grad_start, grad_u):  # type: ignore[no-untyped-def]
+        half = 0.5 * dt * dt
+        gx = gy = gvx = gvy = gpx = gpy = gwx = gwy = 0.0
+        for k in range(u.shape[1] - 1, -1, -1):
+            gx += grad_states[b, k, 0]
+            gy += grad_states[b, k, 1]
+            gvx += grad_states[b, k, 2]
+            gvy += grad_states[b, k, 3]
+            gpx += grad_states[b, k, 4]
+            gpy += grad_states[b, k, 5]
+            gwx += grad_states[b, k, 6]
+            gwy += grad_states[b, k, 7]
+            if k > 0:
+                wx, wy = states[b, k - 1, 6], states[b, k - 1, 7]
+            else:
+                wx, wy = start[b, 6], start[b, 7]
+            gwx, gwy, gux, guy = step_adjoint(
+                wx, wy, u[b, k, 0], u[b, k, 1], static_limit[b], kinetic_limit[b], dt, gpx, gpy, gwx, gwy
+            )
+            grad_u[b, k, 0] = gux + gvx * dt + gx * half
+            grad_u[b, k, 1] = guy + gvy * dt + gy * half
+            gvx += gx * dt
+            gvy += gy * dt
+        grad_start[b, 0], grad_start[b, 1], grad_start[b, 2], grad_start[b, 3] = gx, gy, gvx, gvy
+        grad_start[b, 4], grad_start[b, 5], grad_start[b, 6], grad_start[b, 7] = gpx, gpy, gwx, gwy
+
+    return forward, backward
+
+
+_forward_one, _backward_one = make_rollout(numba.njit)
+
+
+@numba.njit(nogil=True)
+def _forward_cpu(start, u, static_limit, kinetic_limit, dt, states):  # type: ignore[no-untyped-def]
+    for b in range(u.shape[0]):
+        _forward_one(b, start, u, static_limit, kinetic_limit, dt, states)
+
+
+@numba.njit(nogil=True)
+def _backward_cpu(start, u, static_limit, kinetic_limit, dt, states, grad_states, grad_start, grad_u):  # type: ignore[no-untyped-def]
+    for b in range(u.shape[0]):
+        _backward_one(b, start, u, static_limit, kinetic_limit, dt, states, grad_states, grad_start, grad_u)
+
+
+def _run(name: str, tensors: list[Tensor], dt: float) -> None:
+    """Run the kernel `name` on the device the tensors are on; the fifth argument of every kernel is dt."""
+    if tensors[0].is_cuda:
+        from train import rollout_cuda
+
+        rollout_cuda.launch(name, tensors, dt)
+        return
+    arrays = [tensor.numpy() for tensor in tensors]
+    kernel = _forward_cpu if name == "forward" else _backward_cpu
+    kernel(*arrays[:4], dt, *arrays[4:])
+
+
+class Rollout(torch.autograd.Function):
+    """One chunk of pan and object motion; see `rollout` for shapes."""
+
+    @staticmethod
+    def forward(ctx: Any, start: Tensor, u: Tensor, static_limit: Tensor, kinetic_limit: Tensor, dt: float) -> Tensor:
+        """Run the law from `start` along `u`."""
+        start, u = start.detach().contiguous(), u.detach().contiguous()
+        states = torch.empty(u.shape[0], u.shape[1], 8, dtype=torch.float64, device=u.device)
+        _run("forward", [start, u, static_limit, kinetic_limit, states], dt)
+        ctx.save_for_backward(start, u, static_limit, kinetic_limit, states)
+        ctx.dt = dt
+        return states
+
+    @staticmethod
+    def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor, Tensor, None, None, None]:
+        """Carry the gradient of the states back to `start` and `u`."""
+        start, u, static_limit, kinetic_limit, states = ctx.saved_tensors
+        grad_start, grad_u = torch.empty_like(start), torch.empty_like(u)
+        grad_states = grad_outputs[0].contiguous()
+        inputs = [start, u, static_limit, kinetic_limit, states, grad_states, grad_start, grad_u]
+        _run("backward", inputs, ctx.dt)
+        return grad_start, grad_u, None, None, None
+
+
+def rollout(start: Tensor, u: Tensor, static_limit: Tensor, kinetic_limit: Tensor, dt: float = DT) -> Tensor:
+    """Move pan and object along `u`, differentiably (Eqs. 3, 4, 9; friction's gradient floored, see above).
+
+    Args:
+        start: (B, 8) float64 state before the first sample.
+        u: (B, n, 2) float64 pan accelerations (m/s^2).
+        static_limit, kinetic_limit: (B,) float64, mu g and mu' g (m/s^2).
+        dt: sampling interval (s).
+
+    Returns:
+        (B, n, 8) float64 states after each sample.
+    """
+    states: Tensor = Rollout.apply(start, u, static_limit.contiguous(), kinetic_limit.contiguous(), dt)  # type: ignore[no-untyped-call]
+    return states

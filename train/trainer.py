@@ -1,0 +1,336 @@
+"""The training loop: batches from the curriculum, the two losses, checkpoints that resume bit for bit."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.utils.tensorboard import SummaryWriter
+
+from runtime.command import command_velocity
+from runtime.errors import FormatError, InputError, OutputError, SlideError
+from runtime.friction import DT, GRAVITY
+from train.closed_loop import decode
+from train.commands import FloatArray, free_commands, physics_commands
+from train.config import TrainConfig
+from train.curriculum import CURRICULA, Task, task_at
+from train.losses import Weights, loss_object, loss_pan
+from train.model import Seq2Seq
+
+CHECKPOINT = "checkpoint.pt"
+CHECKPOINT_FORMAT = "slide-checkpoint/1"
+
+SKIP_WINDOW = 100
+"""Number of recent steps over which skipped ones are counted."""
+
+SKIP_LIMIT = 20
+"""More skipped steps than this in the window end the run: the weights are beyond recovery."""
+
+VALIDATION_SEED = 2018
+VALIDATION_COMMANDS = 64
+VALIDATION_SAMPLES = 1200
+
+
+class TrainingError(SlideError):
+    """Training cannot go on."""
+
+
+class Batch(NamedTuple):
+    """One batch as the losses want it: row k of everything but `command` and the limits is the instant t_{k+1}."""
+
+    command: Tensor
+    object_position: Tensor
+    pan_position: Tensor | None
+    mask: Tensor
+    static_limit: Tensor
+    kinetic_limit: Tensor
+
+
+class Progress(NamedTuple):
+    """What a run reports after each step; errors and reach in metres."""
+
+    epoch: int
+    step: int
+    steps: int
+    stage: int
+    loss: float
+    tracking: float
+    pan_reach: float
+    skipped: int
+
+
+def build_model(config: TrainConfig) -> Seq2Seq:
+    """Return the configuration's network with freshly drawn weights."""
+    torch.manual_seed(config.seed)
+    return Seq2Seq(config.units, config.chunk, config.layers, config.command_ahead, config.acceleration_bound)
+
+
+def draw_batch(config: TrainConfig, task: Task, step: int, pan_loss: bool, physics: bool, rng: Any) -> Batch:
+    """Draw commands and friction for one step of `task`."""
+    chunks = [math.ceil(n / config.chunk) for n in config.samples]
+    samples = int(rng.integers(chunks[0], chunks[1] + 1)) * config.chunk
+    if physics:
+        commands = physics_commands(
+            rng, config.batch, samples, config.physics_knots, config.physics_reach, config.static, config.kinetic
+        )
+    else:
+        shorten = config.chunk if config.shorten else 1
+        commands = free_commands(rng, config.batch, samples, config.families, config.reach, config.speed, shorten)
+    if task.varied_friction and not pan_loss:
+        static = rng.uniform(*config.static_range, config.batch)
+        kinetic = rng.uniform(config.kinetic_range[0], np.minimum(config.kinetic_range[1], static))
+    else:
+        static, kinetic = np.full(config.batch, config.static), np.full(config.batch, config.kinetic)
+    return make_batch(commands.position, commands.samples, commands.pan_position, static, kinetic)
+
+
+def make_batch(
+    position: FloatArray, samples: Any, pan_position: FloatArray | None, static: FloatArray, kinetic: FloatArray
+) -> Batch:
+    """Make a batch of (B, K, 2) positions held from sample `samples` (B,) on."""
+    velocity = np.zeros_like(position)
+    for n in np.unique(samples):
+        rows = samples == n
+        velocity[rows, :n] = command_velocity(position[rows, :n], DT)
+    after = np.arange(1, position.shape[1] + 1)
+    return Batch(
+        command=torch.from_numpy(np.concatenate([position, velocity], axis=-1)),
+        object_position=torch.from_numpy(_next(position)),
+        pan_position=None if pan_position is None else torch.from_numpy(_next(pan_position)),
+        mask=torch.from_numpy((after < samples[:, None]).astype(np.float64)),
+        static_limit=torch.from_numpy(static * GRAVITY),
+        kinetic_limit=torch.from_numpy(kinetic * GRAVITY),
+    )
+
+
+def _next(position: FloatArray) -> FloatArray:
+    """Shift rows by one sample, to the instants after each input; the last row is repeated and masked out."""
+    return np.concatenate([position[:, 1:], position[:, -1:]], axis=1)
+
+
+class Trainer:
+    """A training run in a folder: `checkpoint.pt` after every epoch, TensorBoard scalars beside it.
+
+    Args:
+        config: what to train.
+        run: folder of the run; made if need be.
+        device: "cpu" or "cuda".
+    """
+
+    def __init__(self, config: TrainConfig, run: Path, device: str = "cpu") -> None:
+        torch.set_num_threads(config.threads)
+        self.config, self.run, self.device = config, run, torch.device(device)
+        self.model = build_model(config).to(self.device)
+        self.average = AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.average))  # type: ignore[no-untyped-call]
+        self.optimizer = torch.optim.Adam(self.model.parameters(), lr=config.learning_rate)
+        self.steps_per_epoch = config.trajectories // config.batch
+        self.epoch = 0
+        self.skipped = 0
+        self.recent_skips: list[int] = []
+        self.validation: dict[str, float] = {}
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the whole run."""
+        return self.steps_per_epoch * self.config.epochs
+
+    def train(self, report: Callable[[Progress], None] = lambda _: None) -> None:
+        """Train to the configuration's last epoch, from wherever the run stands.
+
+        Raises:
+            TrainingError: too many steps in a row had a gradient that is not finite.
+            OutputError: a checkpoint could not be written; the one before is untouched.
+        """
+        writer = SummaryWriter(str(self.run / "tensorboard"), purge_step=self.epoch * self.steps_per_epoch)
+        with writer, ThreadPoolExecutor(1) as pool:
+            while self.epoch < self.config.epochs:
+                for step, task, pan_loss, batch in self._batches(pool):
+                    progress = self._step(step, task, pan_loss, batch)
+                    report(progress)
+                    if step % 10 == 0:
+                        self._log(writer, progress)
+                self.epoch += 1
+                self.validation = validate(self.evaluated_model(), self.config, self.device)
+                for name, value in self.validation.items():
+                    writer.add_scalar(f"validation/{name}", value, self.epoch * self.steps_per_epoch)
+                self.save()
+
+    def _batches(self, pool: ThreadPoolExecutor) -> Iterator[tuple[int, Task, bool, Batch]]:
+        """Yield one epoch's steps; the next batch is drawn in another thread while the network works on this one.
+
+        Everything random about a step follows from (seed, step), so a resumed run draws what it would have drawn.
+        """
+        task = task_at(CURRICULA[self.config.curriculum], self.config.model, self.epoch + 1, self.config.epochs)
+
+        def draw(step: int) -> tuple[int, Task, bool, Batch]:
+            rng = np.random.default_rng([self.config.seed, step])
+            pan_loss = bool(rng.random() < task.pan_loss)
+            physics = pan_loss or bool(rng.random() < task.physics)
+            return step, task, pan_loss, draw_batch(self.config, task, step, pan_loss, physics, rng)
+
+        first = self.epoch * self.steps_per_epoch
+        pending = pool.submit(draw, first)
+        for step in range(first, first + self.steps_per_epoch):
+            drawn = pending.result()
+            if step + 1 < first + self.steps_per_epoch:
+                pending = pool.submit(draw, step + 1)
+            yield drawn
+
+    def _step(self, step: int, task: Task, pan_loss: bool, batch: Batch) -> Progress:
+        """One step of Adam; a gradient that is not finite skips it."""
+        config = self.config
+        batch = Batch(*(None if tensor is None else tensor.to(self.device) for tensor in batch))  # type: ignore[arg-type]
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate(config, step / self.steps)
+
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=config.precision == "bfloat16"):
+            motion = decode(self.model, batch.command, batch.static_limit, batch.kinetic_limit, not pan_loss)
+        if pan_loss:
+            assert batch.pan_position is not None
+            loss = loss_pan(motion.states, motion.covariance, batch.pan_position, batch.mask)
+        else:
+            weights = Weights(config.alpha, config.beta, config.gamma, config.pan_limit, config.tracking)
+            loss = loss_object(motion.states, motion.u, motion.covariance, batch.object_position, batch.mask, weights)
+
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), config.gradient_clip)
+        if bool(torch.isfinite(norm)) and bool(torch.isfinite(loss)):
+            self.optimizer.step()
+            self.average.update_parameters(self.model)
+        else:
+            self._count_skip(step)
+
+        error, reach = tracking(motion.states.detach(), batch)
+        return Progress(self.epoch + 1, step + 1, self.steps, task.stage, loss.item(), error, reach, self.skipped)
+
+    def _count_skip(self, step: int) -> None:
+        self.skipped += 1
+        self.recent_skips = [s for s in self.recent_skips if s > step - SKIP_WINDOW] + [step]
+        if len(self.recent_skips) > SKIP_LIMIT:
+            raise TrainingError(
+                f"{len(self.recent_skips)} of the last {SKIP_WINDOW} steps had a gradient that is not finite (limit "
+                f"{SKIP_LIMIT}), at step {step} of epoch {self.epoch + 1}; the last good checkpoint is in {self.run}"
+            )
+
+    def _log(self, writer: SummaryWriter, progress: Progress) -> None:
+        for name in ("loss", "tracking", "pan_reach", "stage", "skipped"):
+            writer.add_scalar(f"train/{name}", getattr(progress, name), progress.step)
+
+    def evaluated_model(self) -> Seq2Seq:
+        """Return the network to use: the moving average of the weights where the configuration asks for one."""
+        return cast(Seq2Seq, self.average.module) if self.config.average > 0 else self.model
+
+    def save(self) -> None:
+        """Write the run's checkpoint, whole or not at all.
+
+        Raises:
+            OutputError: it could not be written.
+        """
+        path = self.run / CHECKPOINT
+        temporary = path.with_suffix(".tmp")
+        try:
+            self.run.mkdir(parents=True, exist_ok=True)
+            torch.save(self._state(), temporary)
+            os.replace(temporary, path)
+        except (OSError, RuntimeError) as error:
+            temporary.unlink(missing_ok=True)
+            raise OutputError(f"cannot write the checkpoint {path}: {error}") from error
+
+    def _state(self) -> dict[str, Any]:
+        return {
+            "format": CHECKPOINT_FORMAT,
+            "config": self.config.model_dump(mode="json"),
+            "epoch": self.epoch,
+            "model": self.model.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "skipped": self.skipped,
+            "recent_skips": self.recent_skips,
+        }
+
+    def resume(self, checkpoint: dict[str, Any]) -> None:
+        """Continue from `checkpoint`, as read by `load_checkpoint`.
+
+        Raises:
+            InputError: it belongs to another configuration; the differences are named.
+        """
+        mine, theirs = self.config.model_dump(mode="json"), checkpoint["config"]
+        differences = [f"{key}: {theirs.get(key)!r} -> {mine[key]!r}" for key in mine if mine[key] != theirs.get(key)]
+        if differences:
+            raise InputError(f"the run in {self.run} has another configuration: {'; '.join(differences)}")
+        self.model.load_state_dict(checkpoint["model"])
+        self.average.load_state_dict(checkpoint["average"])
+        self.optimizer.load_state_dict(checkpoint["optimizer"])
+        self.epoch, self.skipped = checkpoint["epoch"], checkpoint["skipped"]
+        self.recent_skips = checkpoint["recent_skips"]
+
+
+def learning_rate(config: TrainConfig, progress: float) -> float:
+    """Cosine decay from `learning_rate` to `final_learning_rate` over progress in [0, 1]."""
+    share = 0.5 * (1.0 + math.cos(math.pi * progress))
+    return config.final_learning_rate + (config.learning_rate - config.final_learning_rate) * share
+
+
+def tracking(states: Tensor, batch: Batch) -> tuple[float, float]:
+    """Mean over the batch of the RMS tracking error (m), and of the pan's reach (m)."""
+    squared = ((states[..., 4:6] - batch.object_position) ** 2).sum(-1) * batch.mask
+    error = torch.sqrt(squared.sum(1) / batch.mask.sum(1)).mean()
+    reach = torch.linalg.vector_norm(states[..., 0:2], dim=-1).amax(1).mean()
+    return error.item(), reach.item()
+
+
+def validate(model: Seq2Seq, config: TrainConfig, device: torch.device) -> dict[str, float]:
+    """Tracking and reach (m) on fixed commands of each family of the configuration, under nominal friction."""
+    figures = {}
+    for name in config.families:
+        rng = np.random.default_rng(VALIDATION_SEED)
+        commands = free_commands(
+            rng, VALIDATION_COMMANDS, VALIDATION_SAMPLES, {name: 1.0}, (0.03, 0.15), config.speed, 1
+        )
+        nominal = np.ones(VALIDATION_COMMANDS)
+        batch = make_batch(commands.position, commands.samples, None, config.static * nominal, config.kinetic * nominal)
+        batch = Batch(*(None if tensor is None else tensor.to(device) for tensor in batch))  # type: ignore[arg-type]
+        with torch.no_grad():
+            motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+        figures[f"{name}_tracking"], figures[f"{name}_reach"] = tracking(motion.states, batch)
+    return figures
+
+
+def load_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a checkpoint, or the one in a run's folder, without running any code in it.
+
+    Raises:
+        FormatError: there is none, it is damaged, or of another format.
+    """
+    if path.is_dir():
+        path = path / CHECKPOINT
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError:
+        raise FormatError(f"{path}: no such checkpoint") from None
+    except Exception as error:  # torch raises whatever its reader meets in a damaged file
+        raise FormatError(f"{path}: not a readable checkpoint ({type(error).__name__})") from error
+    if not isinstance(checkpoint, dict) or checkpoint.get("format") != CHECKPOINT_FORMAT:
+        raise FormatError(f"{path}: not a checkpoint of format {CHECKPOINT_FORMAT}")
+    return checkpoint
+
+
+def load_model(checkpoint: dict[str, Any]) -> tuple[TrainConfig, Seq2Seq]:
+    """Return a checkpoint's configuration and the network to evaluate or export."""
+    config = TrainConfig.model_validate(checkpoint["config"])
+    model = build_model(config)
+    if config.average > 0:
+        weights = {k.removeprefix("module."): v for k, v in checkpoint["average"].items() if k.startswith("module.")}
+    else:
+        weights = checkpoint["model"]
+    model.load_state_dict(weights)
+    return config, model.eval()
