@@ -1,0 +1,120 @@
+"""Writes a bundle: both graphs and the manifest, checked against the network, whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import secrets
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+
+from export.onnx_export import OPSET, decoder_step_graph, encoder_graph
+from export.verify import Agreement, verify
+from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest
+from runtime.errors import OutputError
+from runtime.friction import DT, Friction
+from train.config import TrainConfig
+from train.curriculum import CURRICULA
+from train.model import Seq2Seq
+from train.trainer import load_checkpoint, load_model, validate
+
+
+class Exported(NamedTuple):
+    """What an export gives back: the manifest written and how well the bundle agrees with the network."""
+
+    manifest: Manifest
+    agreement: Agreement
+
+
+def export_bundle(checkpoint: Path, folder: Path) -> Exported:
+    """Export the network of a checkpoint, or of a run's folder, as a bundle.
+
+    Raises:
+        FormatError: the checkpoint cannot be read.
+        VerificationError: the bundle does not do what the network does; nothing is written.
+        OutputError: `folder` holds something that is no bundle, or cannot be written.
+    """
+    saved = load_checkpoint(checkpoint)
+    config, model = load_model(saved)
+    _check_replaceable(folder)
+    temporary = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.tmp"
+    try:
+        temporary.mkdir(parents=True)
+        manifest = _write(temporary, model, config, saved["epoch"])
+        agreement = verify(model, config, temporary)
+        _replace(folder, temporary)
+    except OSError as error:
+        raise OutputError(f"cannot write the bundle {folder}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return Exported(manifest, agreement)
+
+
+def _write(folder: Path, model: Seq2Seq, config: TrainConfig, epochs: int) -> Manifest:
+    graphs = {}
+    for name, graph in ((ENCODER, encoder_graph(model)), (DECODER_STEP, decoder_step_graph(model))):
+        (folder / f"{name}.onnx").write_bytes(graph)
+        graphs[name] = GraphFile(f"{name}.onnx", hashlib.sha256(graph).hexdigest())
+    manifest = describe(model, config, epochs, graphs)
+    (folder / MANIFEST_FILE).write_text(json.dumps(manifest.to_dict(), indent=2) + "\n", encoding="utf-8")
+    return manifest
+
+
+def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str, GraphFile]) -> Manifest:
+    """Return the manifest of a network trained for `epochs` epochs of `config`."""
+    varied = any(stage.varied_friction for stage in CURRICULA[config.curriculum])
+    figures = validate(model, config, torch.device("cpu"))
+    return Manifest(
+        name=config.name,
+        precision="fp32",
+        opset=OPSET,
+        graphs=graphs,
+        chunk=config.chunk,
+        dt=DT,
+        layers=config.layers,
+        units=config.units,
+        command_ahead=config.command_ahead,
+        acceleration_bound=config.acceleration_bound,
+        friction=Friction(config.static, config.kinetic),
+        pan_limit=config.pan_limit,
+        trained_on={
+            "static": config.static_range if varied else (config.static, config.static),
+            "kinetic": config.kinetic_range if varied else (config.kinetic, config.kinetic),
+            "reach": (0.0, config.reach[1]),
+            "speed": (0.0, config.speed),
+            "samples": config.samples,
+        },
+        training={
+            "command": f"slide-train {config.name}",
+            "epochs": epochs,
+            "configuration": config.model_dump(mode="json"),
+            "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
+        },
+        evaluation={name: round(value, 5) for name, value in figures.items()},
+    )
+
+
+def _check_replaceable(folder: Path) -> None:
+    """Refuse to replace a folder that is not a bundle.
+
+    Raises:
+        OutputError: `folder` is a file, or a folder with something else in it.
+    """
+    if folder.exists() and not (folder / MANIFEST_FILE).exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(f"{folder} exists and is not a bundle; it is left as it is")
+
+
+def _replace(folder: Path, temporary: Path) -> None:
+    """Put `temporary` in the place of `folder`; what was there is removed last."""
+    old: Path | None = None
+    if folder.exists():
+        old = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.old")
+        os.replace(folder, old)
+    os.replace(temporary, folder)
+    if old is not None:
+        shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,106 @@
+"""Checks a bundle against the network it came from: the same commands, decoded in closed loop by both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from runtime import Friction, Planner
+from runtime.errors import SlideError
+from train.closed_loop import decode
+from train.commands import free_commands
+from train.config import TrainConfig
+from train.model import Seq2Seq
+from train.trainer import make_batch
+
+COMMANDS = 16
+SAMPLES = 1200
+SEED = 9
+
+MAX_ACCELERATION_DIFFERENCE = 1e-3
+"""Largest difference of pan accelerations (m/s^2) that an export may show before the branches part."""
+
+MAX_POSITION_DIFFERENCE = 1e-5
+"""Largest difference of pan and object positions (m) that an export may show before the branches part."""
+
+
+class VerificationError(SlideError):
+    """The exported graphs do not do what the network does."""
+
+
+class Agreement(NamedTuple):
+    """How far a bundle and its network differ up to the first difference of stick/slip branch.
+
+    Attributes:
+        commands: number of commands replayed.
+        samples: samples compared, of all commands.
+        parted: commands in which the branches parted before the end.
+        acceleration: largest difference of pan acceleration (m/s^2).
+        position: largest difference of pan or object position (m).
+    """
+
+    commands: int
+    samples: int
+    parted: int
+    acceleration: float
+    position: float
+
+
+def compare(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
+    """Decode the same commands through torch and through the bundle, and measure how far they differ.
+
+    A difference in the last digit of an acceleration can make an object break away one sample later; from there on
+    both trajectories are right and different, so each command is compared up to that instant only.
+    """
+    rng = np.random.default_rng(SEED)
+    commands = free_commands(rng, COMMANDS, SAMPLES, config.families, config.reach, config.speed, config.chunk)
+    friction = Friction(config.static, config.kinetic)
+    planner = Planner(bundle)
+    acceleration = position = 0.0
+    samples = parted = 0
+    for command, count in zip(commands.position, commands.samples, strict=True):
+        plan = planner.plan(command[:count], friction=friction)
+        batch = make_batch(
+            command[None], np.array([count]), None, np.array([friction.static]), np.array([friction.kinetic])
+        )
+        with torch.no_grad():
+            motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+        # Row k of `after` is the state at t_{k+1}; the plan's row k is the state at t_k.
+        after = motion.states[0, : count - 1].numpy()
+        sliding = (plan.object_velocity[1:] != 0).any(axis=1)
+        differs = np.flatnonzero(sliding != (after[:, 6:8] != 0).any(axis=1))
+        end = int(differs[0]) if differs.size else count - 1
+        if end == 0:
+            raise VerificationError("the branches part at the first sample: the graphs do not match the network")
+        parted += bool(differs.size)
+        samples += end
+        acceleration = max(acceleration, float(np.abs(plan.pan_acceleration[:end] - motion.u[0, :end].numpy()).max()))
+        position = max(
+            position,
+            float(np.abs(plan.pan_position[1 : end + 1] - after[:end, 0:2]).max()),
+            float(np.abs(plan.object_position[1 : end + 1] - command[0] - after[:end, 4:6]).max()),
+        )
+    return Agreement(COMMANDS, samples, parted, acceleration, position)
+
+
+def verify(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
+    """Compare, and refuse a bundle that differs from its network by more than rounding.
+
+    Raises:
+        VerificationError: the difference and its limit are named.
+    """
+    agreement = compare(model, config, bundle)
+    if not agreement.acceleration <= MAX_ACCELERATION_DIFFERENCE:
+        raise VerificationError(
+            f"pan accelerations of the bundle and the network differ by {agreement.acceleration:.3g} m/s^2 before the "
+            f"first difference of branch; the limit is {MAX_ACCELERATION_DIFFERENCE:g}"
+        )
+    if not agreement.position <= MAX_POSITION_DIFFERENCE:
+        raise VerificationError(
+            f"positions of the bundle and the network differ by {agreement.position:.3g} m before the first "
+            f"difference of branch; the limit is {MAX_POSITION_DIFFERENCE:g}"
+        )
+    return agreement

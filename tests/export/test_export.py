@@ -1,0 +1,133 @@
+"""The export: a bundle does what its network does, or it is not written."""
+
+from __future__ import annotations
+
+import json
+
+import onnx
+import pytest
+import torch
+
+from export import bundle as bundle_module
+from export.bundle import export_bundle
+from export.onnx_export import decoder_step_graph, encoder_graph
+from export.verify import VerificationError, compare
+from runtime import Planner
+from runtime.bundle import Bundle
+from runtime.errors import FormatError, OutputError
+from train.config import load_config
+from train.trainer import Trainer, load_checkpoint, load_model
+
+OPERATORS = {
+    "Add", "Concat", "Div", "Gemm", "LSTM", "Mul", "ReduceSum", "Reshape", "Split", "Sqrt", "Squeeze", "Tanh",
+    "Transpose", "Unsqueeze",
+}  # fmt: skip
+"""All that a bundle's graphs are made of."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """An untrained run whose output is large enough to slide the object."""
+    folder = tmp_path_factory.mktemp("run")
+    trainer = Trainer(load_config("smoke"), folder)
+    with torch.no_grad():
+        trainer.model.output.weight[:200] *= 20
+    trainer.save()
+    return folder
+
+
+def test_bundle_and_network_agree_and_the_object_slides(run, tmp_path):
+    exported = export_bundle(run, tmp_path / "bundle")
+    agreement = exported.agreement
+    assert agreement.commands == 16
+    assert agreement.acceleration <= 1e-3
+    assert agreement.position <= 1e-5
+    assert agreement.samples > 1000
+    plan = Planner(tmp_path / "bundle").plan(torch.zeros(500, 2).numpy())
+    assert plan.quality.sliding_share > 0
+
+
+def test_manifest_says_how_the_bundle_was_made(run, tmp_path):
+    export_bundle(run, tmp_path / "bundle")
+    manifest = Bundle.load(tmp_path / "bundle").manifest
+    config = load_config("smoke")
+    assert (manifest.name, manifest.units, manifest.chunk) == ("smoke", config.units, config.chunk)
+    assert manifest.training["configuration"] == config.model_dump(mode="json")
+    assert manifest.trained_on["static"] == config.static_range
+    assert set(manifest.evaluation) == {f"{name}_{what}" for name in config.families for what in ("tracking", "reach")}
+
+
+@pytest.mark.parametrize("changes", [{"command_ahead": 0}, {"acceleration_bound": None}, {"layers": 1}, {"layers": 3}])
+def test_other_architectures_export_alike(tmp_path, changes):
+    config = load_config("smoke").model_copy(update=changes)
+    trainer = Trainer(config, tmp_path / "run")
+    trainer.save()
+    assert export_bundle(tmp_path / "run", tmp_path / "bundle").agreement.acceleration <= 1e-3
+
+
+def test_graphs_hold_standard_operators_and_no_outside_data(run):
+    _, model = load_model(load_checkpoint(run))
+    for data in (encoder_graph(model), decoder_step_graph(model)):
+        graph = onnx.load_from_string(data)
+        assert {node.op_type for node in graph.graph.node} <= OPERATORS
+        assert [node.op_type for node in graph.graph.node].count("LSTM") == model.layers
+        assert {opset.domain for opset in graph.opset_import} == {""}
+        assert not any(weight.external_data for weight in graph.graph.initializer)
+
+
+def test_export_is_the_same_to_the_last_byte_each_time(run):
+    _, model = load_model(load_checkpoint(run))
+    assert encoder_graph(model) == encoder_graph(model)
+    assert decoder_step_graph(model) == decoder_step_graph(model)
+
+
+def test_bundle_that_differs_from_its_network_is_refused_and_not_written(run, tmp_path, monkeypatch):
+    real = bundle_module.decoder_step_graph
+
+    def wrong(model):
+        with torch.no_grad():
+            model.output.bias[3] += 0.001  # 0.01 m/s^2 in one sample of each chunk
+            data = real(model)
+            model.output.bias[3] -= 0.001
+        return data
+
+    monkeypatch.setattr(bundle_module, "decoder_step_graph", wrong)
+    with pytest.raises(VerificationError, match="pan accelerations"):
+        export_bundle(run, tmp_path / "bundle")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_comparison_stops_where_the_branches_part(run, tmp_path):
+    """A network of which one weight differs by rounding parts somewhere, and is compared only up to there."""
+    export_bundle(run, tmp_path / "bundle")
+    config, model = load_model(load_checkpoint(run))
+    with torch.no_grad():
+        model.output.bias[:200] += 1e-5
+    agreement = compare(model, config, tmp_path / "bundle")
+    assert 0 < agreement.acceleration < 1e-2
+    assert agreement.samples <= 16 * 1200
+
+
+def test_folder_that_is_no_bundle_is_left_alone(run, tmp_path):
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.txt").write_text("years of work")
+    with pytest.raises(OutputError, match="is not a bundle"):
+        export_bundle(run, tmp_path / "thesis")
+    assert (tmp_path / "thesis" / "chapter.txt").read_text() == "years of work"
+
+
+def test_bundle_is_replaced_by_a_new_one_and_nothing_else_is_left(run, tmp_path):
+    for _ in range(2):
+        export_bundle(run, tmp_path / "bundle")
+    assert [path.name for path in tmp_path.iterdir()] == ["bundle"]
+    assert sorted(path.name for path in (tmp_path / "bundle").iterdir()) == [
+        "decoder_step.onnx",
+        "encoder.onnx",
+        "manifest.json",
+    ]
+    assert json.loads((tmp_path / "bundle" / "manifest.json").read_text())["format"] == "slide-bundle/1"
+
+
+def test_absent_checkpoint_is_refused(tmp_path):
+    with pytest.raises(FormatError, match="no such checkpoint"):
+        export_bundle(tmp_path / "nowhere", tmp_path / "bundle")
