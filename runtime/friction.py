@@ -18,7 +18,7 @@ Rest is exactly `v = 0`: there is no velocity threshold. The pan is the double i
 
 `slide_step` is this text for one object, in plain floats: fastest in plain Python for a single trajectory, and
 the function that training compiles with numba for the CPU and for CUDA. `rollout` runs it along a trajectory;
-`rollout_batch` is the same law over arrays, which wins from about 16 trajectories up.
+`rollout_batch` is the same law over arrays, which wins from about 32 trajectories up.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DT = 0.001
 MAX_COEFFICIENT = 10.0
 """Largest friction coefficient accepted: rubber on rubber stays under 2; beyond 10 it is a slip of the pen."""
 
-BATCHED_FROM = 16
+BATCHED_FROM = 32
 """Number of trajectories from which `rollout_batch` beats `rollout` in a loop (measured by `slide-bench`)."""
 
 FloatArray = NDArray[np.float64]

@@ -28,19 +28,20 @@ class Device(StrEnum):
     CUDA = "cuda"
 
 
+class PrecisionName(StrEnum):
+    """Of the network's matrix products while training; auto takes bfloat16 where the hardware has it."""
+
+    AUTO = "auto"
+    FLOAT32 = "float32"
+    BFLOAT16 = "bfloat16"
+
+
 class ModelName(StrEnum):
     """The models of Section V-B."""
 
     A = "A"
     B = "B"
     C = "C"
-
-
-class Precision(StrEnum):
-    """Of the network's matrix products while training."""
-
-    FLOAT32 = "float32"
-    BFLOAT16 = "bfloat16"
 
 
 def train_main() -> None:
@@ -67,9 +68,7 @@ def slide_train(
     seed: Annotated[int | None, typer.Option(help="Seed of the weights and of all that is drawn.")] = None,
     epochs: Annotated[int | None, typer.Option(help="Epochs over which the curriculum is stretched.")] = None,
     threads: Annotated[int | None, typer.Option(help="CPU threads.")] = None,
-    precision: Annotated[
-        Precision | None, typer.Option(help="Of the matrix products; bfloat16 is faster where the processor has it.")
-    ] = None,
+    precision: Annotated[PrecisionName | None, typer.Option(help="Of the network's matrix products.")] = None,
     device: Annotated[Device, typer.Option(help="Where to train.")] = Device.AUTO,
     as_json: AsJson = False,
 ) -> None:
@@ -91,6 +90,8 @@ def slide_train(
     if resume is None and (folder / CHECKPOINT).exists():
         raise OutputError(f"{folder} holds a run already: continue it with --resume {folder}, or give another --run")
     checkpoint = None if resume is None else load_checkpoint(resume)
+    if checkpoint is not None and settings.precision == "auto":
+        settings = settings.model_copy(update={"precision": checkpoint["config"].get("precision", "auto")})
     trainer = Trainer(settings, folder, _device(device))
     if checkpoint is not None:
         trainer.resume(checkpoint)

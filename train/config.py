@@ -12,6 +12,7 @@ from runtime.errors import InputError
 from train.commands import FAMILIES
 from train.curriculum import CURRICULA, Model
 
+Precision = Literal["auto", "float32", "bfloat16"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(gt=0)]
@@ -44,7 +45,7 @@ class TrainConfig(BaseModel):
     final_learning_rate: NonNegative = 1e-5
     gradient_clip: Positive = Field(1.0, description="bound on the gradient's norm")
     average: float = Field(0.0, ge=0, lt=1, description="decay of the weights' moving average per step; 0: none")
-    precision: Literal["float32", "bfloat16"] = Field("float32", description="of the network's matrix products")
+    precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
     threads: Count = Field(2, description="CPU threads of torch; resuming bit for bit needs the same number")
 
     tracking: Literal["likelihood", "distance"] = Field("likelihood", description="of L: Eq. 22, or distance in mm")
@@ -102,7 +103,15 @@ BROAD = {
 CONFIGURATIONS: dict[str, TrainConfig] = {
     "default": TrainConfig(name="default", families=BROAD),
     "smoke": TrainConfig(
-        name="smoke", families=BROAD, units=16, epochs=5, trajectories=32, batch=8, samples=(200, 400), threads=1
+        name="smoke",
+        families=BROAD,
+        units=16,
+        epochs=5,
+        trajectories=32,
+        batch=8,
+        samples=(200, 400),
+        threads=1,
+        precision="float32",
     ),
     "paper": TrainConfig(
         name="paper",
