@@ -1,0 +1,114 @@
+"""What a training step costs on one thread: forward and backward of the default configuration, and friction's share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from benchmarks.suite import spline
+from benchmarks.timing import Spread, interleave
+from train.closed_loop import decode
+from train.config import CONFIGURATIONS, Precision, TrainConfig
+from train.losses import Weights, loss_object
+from train.model import Seq2Seq
+from train.rollout import rollout
+from train.trainer import Batch, build_model, make_batch, settle_precision
+
+BATCH = 64
+SAMPLES = 1000
+ROUNDS = 10
+
+SLIPPERY = (0.02, 0.01)
+"""Static and kinetic friction of the step that is timed.
+
+An untrained network's accelerations, well under 1 m/s^2, would leave every object stuck, where friction and its
+adjoint are cheapest; on a pan this slippery the objects slide.
+"""
+
+
+@dataclass(frozen=True)
+class Training:
+    """The cost of a training step.
+
+    Attributes:
+        units: LSTM units per layer.
+        batch: trajectories.
+        samples: samples of a trajectory.
+        precision: of the network's matrix products, as the configuration trains on this machine.
+        step: forward and backward (s).
+        step_float32: the same in float32 (s); None if that is the precision.
+        friction: the rollout and its adjoint alone, same shapes and motion (s).
+        friction_share: median of friction over step, round by round (0 to 1).
+    """
+
+    units: int
+    batch: int
+    samples: int
+    precision: Precision
+    step: Spread
+    step_float32: Spread | None
+    friction: Spread
+    friction_share: float
+
+
+def measure(config: TrainConfig = CONFIGURATIONS["default"], rounds: int = ROUNDS) -> Training:
+    """Time a training step of `config`, batch and length apart, and the rollouts in it by themselves."""
+    with torch.random.fork_rng():  # building a network seeds torch's own generator
+        model = build_model(config)
+    batch = _batch(SAMPLES // config.chunk * config.chunk)
+    weights = Weights(config.alpha, config.beta, config.gamma, config.pan_limit)
+    chunks = decoded_chunks(model, batch)
+    precision = settle_precision(config.precision, torch.device("cpu"))
+    actions = {
+        "friction": lambda: slide(chunks, batch),
+        precision: lambda: step(model, batch, weights, precision),
+        "float32": lambda: step(model, batch, weights, "float32"),  # the same entry if that is the precision
+    }
+    durations = interleave(actions, rounds)
+    return Training(
+        units=config.units,
+        batch=BATCH,
+        samples=batch.mask.shape[1],
+        precision=precision,
+        step=Spread.of(durations[precision]),
+        step_float32=None if precision == "float32" else Spread.of(durations["float32"]),
+        friction=Spread.of(durations["friction"]),
+        friction_share=float(np.median(durations["friction"] / durations[precision])),
+    )
+
+
+def _batch(samples: int) -> Batch:
+    """Return the beginnings of the spline commands as a batch of the training."""
+    position = np.stack([position[:samples] for position in spline().positions[:BATCH]])
+    static, kinetic = (np.full(BATCH, coefficient) for coefficient in SLIPPERY)
+    return make_batch(position, np.full(BATCH, samples), None, static, kinetic)
+
+
+def step(model: Seq2Seq, batch: Batch, weights: Weights, precision: Precision) -> None:
+    """Do the forward and the backward pass of the loss L (Eq. 21)."""
+    with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bfloat16"):
+        motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+    loss = loss_object(motion.states, motion.u, motion.covariance, batch.object_position, batch.mask, weights)
+    model.zero_grad(set_to_none=True)
+    loss.backward()  # type: ignore[no-untyped-call]
+
+
+def decoded_chunks(model: Seq2Seq, batch: Batch) -> list[Tensor]:
+    """Return the pan accelerations of a step, (B, C, 2) a chunk, as leaves to differentiate by."""
+    with torch.no_grad():
+        u = decode(model, batch.command, batch.static_limit, batch.kinetic_limit).u
+    return [chunk.contiguous().requires_grad_() for chunk in torch.split(u, model.chunk, dim=1)]
+
+
+def slide(chunks: list[Tensor], batch: Batch) -> None:
+    """Do only what friction does in a step: its rollouts, chunk after chunk, and their adjoints."""
+    start = torch.zeros(len(chunks[0]), 8, dtype=torch.float64)
+    moved = []
+    for u in chunks:
+        states = rollout(start, u, batch.static_limit, batch.kinetic_limit)
+        start = states[:, -1]
+        moved.append(states)
+    torch.autograd.grad(moved, chunks, [torch.ones_like(states) for states in moved])

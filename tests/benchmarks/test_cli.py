@@ -1,0 +1,176 @@
+"""`slide-bench`: its JSON, its tables, its exit codes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import accuracy, cli, speed, training
+from benchmarks.suite import FRICTION_GRID
+from benchmarks.targets import TARGETS, Target, judge
+from train.config import CONFIGURATIONS
+
+FIGURES = {
+    "commands",
+    "tracking_mean",
+    "tracking_median",
+    "tracking_p95",
+    "tracking_max",
+    "worst",
+    "pan_reach_mean",
+    "pan_reach_max",
+    "pan_reach_share",
+    "acceleration_max",
+    "acceleration_mean",
+    "change_mean",
+    "no_better_than_unmoved",
+    "samples_per_second",
+}
+
+
+@pytest.fixture(autouse=True)
+def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time little, and train a small network: here only the form of the results counts."""
+    for name in ("SINGLE_ROUNDS", "BATCH_ROUNDS", "LAW_ROUNDS", "PROCESS_ROUNDS"):
+        monkeypatch.setattr(speed, name, 1)
+    measure = training.measure
+    monkeypatch.setattr(training, "measure", lambda: measure(CONFIGURATIONS["smoke"], rounds=1))
+
+
+@pytest.fixture
+def one_family(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measure one family only."""
+    measure_suite = accuracy.measure_suite
+    monkeypatch.setattr(accuracy, "measure_suite", lambda plan: measure_suite(plan, ["spline"]))
+
+
+def bench(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    """Run `slide-bench` in this process; returns its exit code."""
+    monkeypatch.setattr(sys, "argv", ["slide-bench", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        cli.bench_main()
+    return int(caught.value.code or 0)
+
+
+def ask(monkeypatch: pytest.MonkeyPatch, limit: float) -> None:
+    target = Target("accuracy.families.spline.tracking_mean", "spline, mean RMSE", "mm", "<=", limit, "{:.2f}", 1e3)
+    monkeypatch.setattr("benchmarks.targets.TARGETS", (target,))
+
+
+def test_accuracy_as_json_is_one_object_with_every_family(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
+) -> None:
+    code = bench(monkeypatch, "--model", tiny_bundle, "--only", "accuracy", "--json")
+    captured = capsys.readouterr()
+    results = json.loads(captured.out)
+    assert code == 1  # an untrained network is no good
+    assert set(results) == {"format", "model", "machine", "versions", "accuracy", "notes", "targets"}
+    assert results["format"] == "slide-bench/1"
+    families = results["accuracy"]["families"]
+    assert set(families) == {"spline", "shapes", "stops", "long", "short", "odd", "friction"}
+    assert all(set(figures) == FIGURES for figures in [*families.values(), results["accuracy"]["total"]])
+    assert len(results["accuracy"]["friction"]) == len(FRICTION_GRID)
+    assert [target["figure"] for target in results["targets"]] == [t.figure for t in TARGETS[:3]]
+    assert captured.err.startswith("slide-bench: missed ")
+    assert captured.err.count("\n") == 1
+
+
+def test_speed_and_training_as_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
+) -> None:
+    bench(monkeypatch, "--model", tiny_bundle, "--only", "speed", "--only", "training", "--json")
+    results = json.loads(capsys.readouterr().out)
+    assert "accuracy" not in results
+    assert set(results["speed"]) == {"single", "batch", "law", "slide_plan"}
+    for name, commands in (("single", 1), ("batch", 64)):
+        planning = results["speed"][name]
+        assert planning["commands"] == commands
+        assert planning["ratio_to_torch"] > 0.0
+        assert set(planning["samples_per_second"]) == {"median", "p10", "p90", "count"}
+    assert 0.0 < results["training"]["friction_share"] < 1.0
+    assert results["training"]["samples"] == 1000
+    assert [target["figure"] for target in results["targets"]] == [t.figure for t in TARGETS[3:]]
+
+
+@pytest.mark.usefixtures("one_family")
+@pytest.mark.parametrize(("limit", "code"), [(1.0, 0), (1e-3, 1)])
+def test_the_exit_code_says_whether_the_figures_are_met(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path, limit: float, code: int
+) -> None:
+    ask(monkeypatch, limit)
+    assert bench(monkeypatch, "--model", tiny_bundle, "--only", "accuracy") == code
+    captured = capsys.readouterr()
+    assert ("MISSED" in captured.out) == bool(code)
+    assert bool(captured.err) == bool(code)
+
+
+@pytest.mark.usefixtures("one_family")
+def test_tables_fit_into_80_columns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
+) -> None:
+    bench(monkeypatch, "--model", tiny_bundle)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    text = "\n".join(lines)
+    for target in TARGETS:
+        assert target.what in text
+        assert target.asked in text
+
+
+@pytest.mark.usefixtures("one_family")
+def test_the_results_are_written_to_a_file(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "bench.json"
+    bench(monkeypatch, "--model", tiny_bundle, "--only", "accuracy", "--json", "-o", output)
+    assert json.loads(output.read_text(encoding="utf-8")) == json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--model", "no-such-folder"], "no-such-folder"),
+        (["-o", "no-such-folder/bench.json"], "no-such-folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    assert bench(monkeypatch, *arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("slide-bench: error: ")
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+
+
+def test_an_unknown_section_is_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert bench(monkeypatch, "--only", "luck") == 2
+    assert "luck" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("one_family")
+def test_without_torch_its_rows_are_left_out_with_the_line_that_installs_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)  # importing it now fails as if it were not there
+    bench(monkeypatch, "--model", tiny_bundle, "--json")
+    captured = capsys.readouterr()
+    results = json.loads(captured.out)
+    assert "training" not in results
+    assert results["speed"]["single"]["torch_samples_per_second"] is None
+    lines = [note for note in results["notes"] if "pip install 'slide-planner[train]'" in note]
+    assert [line.split(" is left out: ")[0] for line in lines] == ["torch eager", "training"]
+    assert all(f"slide-bench: note: {line}" in captured.err for line in lines)
+
+
+def test_a_figure_is_judged_only_where_it_was_measured() -> None:
+    results: dict[str, Any] = {"training": {"step": {"median": 0.4}, "friction_share": 0.1}, "speed": None}
+    assert [(verdict.target.figure, verdict.met) for verdict in judge(results)] == [
+        ("training.step.median", True),
+        ("training.friction_share", False),
+    ]
