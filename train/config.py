@@ -39,22 +39,23 @@ class TrainConfig(BaseModel):
     acceleration_bound: Positive | None = Field(30.0, description="bound on |u| inside the network (m/s^2)")
 
     epochs: Count = 50
-    trajectories: Count = Field(4096, description="trajectories per epoch")
-    batch: Count = 64
+    trajectories: Count = Field(16384, description="trajectories per epoch")
+    batch: Count = 128
     learning_rate: Positive = 1e-3
     final_learning_rate: NonNegative = 1e-5
     gradient_clip: Positive = Field(1.0, description="bound on the gradient's norm")
-    average: float = Field(0.0, ge=0, lt=1, description="decay of the weights' moving average per step; 0: none")
+    average: float = Field(0.998, ge=0, lt=1, description="decay of the weights' moving average per step; 0: none")
     precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
     threads: Count = Field(2, description="CPU threads of torch; resuming bit for bit needs the same number")
 
-    tracking: Literal["likelihood", "distance"] = Field("likelihood", description="of L: Eq. 22, or distance in mm")
+    tracking: Literal["likelihood", "distance"] = Field("distance", description="of L: Eq. 22, or distance in mm")
     alpha: Positive = Field(1.0, description="weight of the tracking loss, Eq. 22")
-    beta: NonNegative = Field(50.0, description="weight of the pan limit, Eq. 23")
+    beta: NonNegative = Field(2000.0, description="weight of the pan limit, Eq. 23")
     gamma: NonNegative = Field(0.1, description="weight of the change of acceleration, Eq. 24")
     pan_limit: Positive = Field(0.2, description="limit of the pan's motion (m)")
+    pan_margin: NonNegative = Field(0.01, description="distance from the limit at which the penalty begins (m)")
 
-    samples: tuple[Count, Count] = Field((500, 1500), description="lengths of the trajectories")
+    samples: tuple[Count, Count] = Field((300, 1500), description="lengths of the trajectories")
     shorten: bool = Field(True, description="let half of the free commands end within their last chunk")
     families: dict[str, NonNegative] = Field(description="weights of the families of free commands")
     reach: Range = Field((0.01, 0.15), description="largest distance of a free command from its start (m)")
@@ -74,6 +75,10 @@ class TrainConfig(BaseModel):
                 raise ValueError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")
         if self.samples[0] < self.chunk:
             raise ValueError(f"samples: {self.samples[0]} is shorter than a chunk of {self.chunk}")
+        if self.pan_margin >= self.pan_limit:
+            raise ValueError(
+                f"pan_margin: {self.pan_margin:g} m leaves nothing of the pan_limit of {self.pan_limit:g} m"
+            )
         if self.kinetic > self.static:
             raise ValueError(f"kinetic: {self.kinetic:g} exceeds static, {self.static:g}")
         if self.kinetic_range[0] > self.static_range[0]:
@@ -111,19 +116,25 @@ CONFIGURATIONS: dict[str, TrainConfig] = {
         batch=8,
         samples=(200, 400),
         threads=1,
+        average=0.9,
         precision="float32",
     ),
     "paper": TrainConfig(
         name="paper",
         families={"spline_acceleration": 1.0},
         curriculum="table-1",
+        tracking="likelihood",
         units=1024,
         command_ahead=0,
         acceleration_bound=None,
         trajectories=8192,
+        batch=64,
         final_learning_rate=1e-3,
+        average=0.0,
         beta=10.0,
         gamma=1.0,
+        pan_margin=0.0,
+        samples=(500, 1500),
         reach=(0.03, 0.15),
         shorten=False,
         static_range=(1.0, 1.0),

@@ -44,12 +44,12 @@ TABLE_I = (
     Stage(5, 50, pan_loss=NEVER, physics=NEVER),
 )
 
-# Fades each task into the next one instead, leaves the physics-generated trajectories earlier, and varies friction.
+# Fades each task into the next one instead, is done with the physics-generated trajectories early, and varies friction.
 GRADUAL = (
-    Stage(1, 10, pan_loss=ALWAYS, physics=ALWAYS),
-    Stage(2, 20, pan_loss=(1.0, 0.0), physics=ALWAYS),
-    Stage(3, 25, pan_loss=NEVER, physics=ALWAYS, varied_friction=True),
-    Stage(4, 30, pan_loss=NEVER, physics=(1.0, 0.0), varied_friction=True),
+    Stage(1, 6, pan_loss=ALWAYS, physics=ALWAYS),
+    Stage(2, 12, pan_loss=(1.0, 0.0), physics=ALWAYS),
+    Stage(3, 14, pan_loss=NEVER, physics=ALWAYS, varied_friction=True),
+    Stage(4, 18, pan_loss=NEVER, physics=(1.0, 0.0), varied_friction=True),
     Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True),
 )
 

@@ -16,6 +16,12 @@ from runtime.friction import DT
 POSITION_STD_FLOOR = 1e-3
 """Standard deviation (m) whose square is added to the position covariance: errors below 1 mm are good enough."""
 
+DISTANCE_FLOOR = 3e-4
+"""Distance (m) below which `distance` is flat: there is nothing to gain there."""
+
+MILLIMETRE = 1e-3
+"""In metres; the unit of `distance`, which makes the weights beta and gamma prices in millimetres of error."""
+
 
 class Weights(NamedTuple):
     """Weights of Eq. 21, the pan limit of Eq. 23 (m), and which tracking term: Eq. 22 or plain `distance`."""
@@ -86,19 +92,18 @@ def loss_pan(states: Tensor, covariance: Tensor, pan_position: Tensor, mask: Ten
     return masked_mean(gaussian_nll(error, position_covariance(covariance)), mask)
 
 
-def distance(error: Tensor, floor: float = POSITION_STD_FLOOR) -> Tensor:
-    """Distance in units of `floor`, smooth at zero: sqrt(|e|^2 + floor^2) / floor.
+def distance(error: Tensor) -> Tensor:
+    """Distance in millimetres, smooth at zero: sqrt(|e|^2 + floor^2) / 1 mm.
 
     Where the likelihood lets the network excuse a hard command by a large covariance, this does not.
 
     Args:
         error: (B, K, 2) position error (m).
-        floor: below this distance (m) there is little to gain.
 
     Returns:
         (B, K).
     """
-    return torch.sqrt((error * error).sum(-1) / (floor * floor) + 1.0)
+    return torch.sqrt((error * error).sum(-1) + DISTANCE_FLOOR**2) / MILLIMETRE
 
 
 def loss_object(

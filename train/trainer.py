@@ -198,7 +198,8 @@ class Trainer:
             assert batch.pan_position is not None
             loss = loss_pan(motion.states, motion.covariance, batch.pan_position, batch.mask)
         else:
-            weights = Weights(config.alpha, config.beta, config.gamma, config.pan_limit, config.tracking)
+            limit = config.pan_limit - config.pan_margin
+            weights = Weights(config.alpha, config.beta, config.gamma, limit, config.tracking)
             loss = loss_object(motion.states, motion.u, motion.covariance, batch.object_position, batch.mask, weights)
 
         self.optimizer.zero_grad(set_to_none=True)

@@ -46,8 +46,12 @@ def test_likelihood_is_equation_22_with_the_floor_on_the_covariance():
 
 
 def test_distance_counts_millimetres_far_from_the_command_and_is_flat_on_it():
-    error = torch.tensor([[[0.0, 0.0], [0.03, 0.04]]], dtype=torch.float64)
-    assert distance(error).tolist()[0] == pytest.approx([1.0, 50.0], rel=1e-3)
+    error = torch.tensor([[[0.0, 0.0], [0.03, 0.04]]], dtype=torch.float64, requires_grad=True)
+    value = distance(error)
+    assert value.tolist()[0] == pytest.approx([0.3, 50.0], rel=1e-4)
+    value.sum().backward()
+    assert error.grad is not None
+    assert error.grad[0, 0].tolist() == [0.0, 0.0]
 
 
 def test_masked_samples_do_not_count():
