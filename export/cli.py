@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli import AsJson, print_json, print_table, run
+from runtime.cli import AsJson, extra, print_json, print_table, run
 
 
 class Precision(StrEnum):
@@ -29,7 +29,8 @@ def slide_export(
     as_json: AsJson = False,
 ) -> None:
     """Export a trained network as a bundle, after comparing the two in closed loop."""
-    from export.bundle import export_bundle  # torch takes seconds to load
+    with extra("train"):
+        from export.bundle import export_bundle  # torch takes seconds to load
 
     exported = export_bundle(checkpoint, output)
     agreement = exported.agreement

@@ -9,7 +9,8 @@ import functools
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +20,7 @@ import typer
 from runtime.bundle import BUNDLE_FORMAT, TRAINED_ON, Bundle
 from runtime.command import Command
 from runtime.documents import check_writable
-from runtime.errors import SlideError
+from runtime.errors import MissingExtraError, SlideError
 from runtime.friction import Friction
 from runtime.plan import Plan, Status, check_suffix, tracking_error
 from runtime.planner import DEFAULT_BUNDLE, Planner
@@ -72,6 +73,19 @@ def run(name: str, command: Callable[..., None]) -> None:
 def say(name: str, message: str) -> None:
     """Print one line on standard error, preceded by the program's name."""
     print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Import inside this what an extra brings.
+
+    Raises:
+        MissingExtraError: a package is not installed; the message says what to install.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(f"{error.name} is not installed: pip install 'slide-planner[{name}]'") from error
 
 
 def print_table(title: str, rows: Iterable[tuple[str, str]]) -> None:

@@ -7,14 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime.cli import AsJson, print_json, run, say
+from runtime.cli import AsJson, extra, print_json, run, say
 from runtime.errors import InputError, OutputError
-from train.commands import FAMILIES
-from train.config import CONFIGURATIONS, TrainConfig, load_config
+
+if TYPE_CHECKING:
+    from train.config import TrainConfig
+    from train.trainer import Trainer
 
 MM = 1e3
 """Millimetres in a metre."""
@@ -56,7 +58,7 @@ def eval_main() -> None:
 
 def slide_train(
     config: Annotated[
-        str, typer.Argument(help=f"Configuration: {', '.join(CONFIGURATIONS)}, or a .json file.", show_default=False)
+        str, typer.Argument(help="Configuration: default, smoke, paper, or a .json file.", show_default=False)
     ],
     run_folder: Annotated[
         Path | None, typer.Option("--run", help="Folder of the run; runs/CONFIG[-MODEL] if not given.", metavar="DIR")
@@ -73,6 +75,8 @@ def slide_train(
     as_json: AsJson = False,
 ) -> None:
     """Train a network; each epoch leaves a checkpoint from which --resume continues."""
+    with extra("train"):
+        from train.config import load_config
     settings = load_config(
         config,
         model=None if model is None else model.value,
@@ -85,7 +89,8 @@ def slide_train(
         raise InputError("--run and --resume both name the run's folder: give one of them")
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
-    from train.trainer import CHECKPOINT, Trainer, load_checkpoint  # torch takes seconds to load
+    with extra("train"):
+        from train.trainer import CHECKPOINT, Trainer, load_checkpoint  # torch takes seconds to load
 
     if resume is None and (folder / CHECKPOINT).exists():
         raise OutputError(f"{folder} holds a run already: continue it with --resume {folder}, or give another --run")
@@ -99,8 +104,8 @@ def slide_train(
         with _progress(trainer, quiet=as_json) as report:
             trainer.train(report)
     except KeyboardInterrupt:
-        if trainer.epoch:
-            say("slide-train", f"interrupted after epoch {trainer.epoch}; continue with --resume {folder}")
+        then = f"continue with --resume {folder}" if trainer.epoch else "there is no checkpoint yet"
+        say("slide-train", f"interrupted after epoch {trainer.epoch}; {then}")
         raise
     summary = {
         "checkpoint": str(folder / CHECKPOINT),
@@ -129,7 +134,7 @@ def _device(device: Device) -> str:
 
 
 @contextmanager
-def _progress(trainer: Any, quiet: bool) -> Iterator[Any]:
+def _progress(trainer: Trainer, quiet: bool) -> Iterator[Any]:
     """Give a function that shows a step: a progress bar on a terminal, a line an epoch elsewhere."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -162,8 +167,9 @@ def slide_eval(
     as_json: AsJson = False,
 ) -> None:
     """Evaluate networks on every family of commands they may be given, under nominal friction."""
-    from train.evaluate import evaluate, load_subject
-
+    with extra("train"):
+        from train.commands import FAMILIES
+        from train.evaluate import evaluate, load_subject
     subjects = [load_subject(source) for source in sources]
     if reproduce is not None:
         from train.reproduction import reproduce as write_reproduction

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -73,3 +75,37 @@ def test_evaluation_reproduces_the_papers_figures(folder):
 def test_evaluation_of_nothing_is_refused(folder):
     done = call("slide-eval", "runs/nowhere", folder=folder)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("main", "arguments"),
+    [
+        ("train.cli.train_main", ["smoke"]),
+        ("train.cli.eval_main", ["runs/smoke"]),
+        ("export.cli.export_main", ["runs/smoke", "-o", "x"]),
+    ],
+)
+@pytest.mark.parametrize("package", ["torch", "numba"])
+def test_missing_extra_is_one_line_that_says_what_to_install(folder, main, arguments, package):
+    module, _, function = main.rpartition(".")
+    code = f"import sys; sys.modules['{package}'] = None; import {module} as m; m.{function}()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False, cwd=folder
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"{package} is not installed: pip install 'slide-planner[train]'" in done.stderr
+
+
+def test_interrupted_run_says_how_to_go_on(folder):
+    program = Path(sys.executable).with_name("slide-train")
+    arguments = ["default", "--run", "interrupted", "--device", "cpu"]
+    with subprocess.Popen([program, *arguments], cwd=folder, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not (folder / "interrupted").exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(1)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.strip().splitlines() == ["slide-train: interrupted after epoch 0; there is no checkpoint yet"]
