@@ -42,7 +42,7 @@ def machine_table(machine: Machine, versions: Mapping[str, str | None], model: M
         ("system", f"{machine.system} {machine.architecture}"),
         ("versions", ", ".join(f"{name} {version}" for name, version in versions.items() if version)),
     ]
-    return _table("slide-bench", ("", ""), rows, numbers=False)
+    return table("slide-bench", ("", ""), rows, numbers=False)
 
 
 def accuracy_tables(accuracy: Accuracy, verdicts: Sequence[Verdict]) -> list[Table]:
@@ -52,12 +52,12 @@ def accuracy_tables(accuracy: Accuracy, verdicts: Sequence[Verdict]) -> list[Tab
     if "friction" in accuracy.families:
         rows["friction"] = accuracy.families["friction"]
     tables = [
-        _table(
+        table(
             "Tracking RMSE (mm)",
             ("family", "commands", "mean", "median", "95 %", "worst", "worst command"),
             [_tracking_row(name, each) for name, each in rows.items()],
         ),
-        _table(
+        table(
             "Pan reach (mm), pan acceleration u (m/s^2), planning speed",
             ("family", "mean", "worst", f"<= {PAN_REACH * MM:.0f}", "max |u|", "mean |u|", "mean |du|", "samples/s"),
             [_pan_row(name, each) for name, each in rows.items()],
@@ -90,7 +90,7 @@ def _friction_table(accuracy: Accuracy) -> Table:
     static = sorted({cell.static for cell in accuracy.friction})
     kinetic = sorted({cell.kinetic for cell in accuracy.friction})
     means = {(cell.static, cell.kinetic): f"{cell.tracking_mean * MM:.2f}" for cell in accuracy.friction}
-    return _table(
+    return table(
         "Mean tracking RMSE (mm) of `spline` by friction",
         ("kinetic \\ static", *(f"{each:g}" for each in static)),
         [(f"{row:g}", *(means.get((column, row), "") for column in static)) for row in kinetic],
@@ -150,14 +150,14 @@ def _figures_tables(
         rows.append((target.what + unit, target.text(verdict.value), target.asked, mark))
         rows += [(*row, "", "") for row in details.get(target.figure, ())]
     rows += [(*row, "", "") for row in extra]
-    return [_table(title, ("", "measured", "asked", ""), rows)] if rows else []
+    return [table(title, ("", "measured", "asked", ""), rows)] if rows else []
 
 
 def _span(spread: Spread, show: str) -> str:
     return f"{show.format(spread.p10)} to {show.format(spread.p90)}"
 
 
-def _table(title: str, header: Sequence[str], rows: Rows, numbers: bool = True) -> Table:
+def table(title: str, header: Sequence[str], rows: Rows, numbers: bool = True) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE, show_header=any(header))
     for index, name in enumerate(header):
         table.add_column(name, justify="right" if numbers and index else "left", overflow="fold")
