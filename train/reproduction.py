@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from runtime import Friction
 from runtime.errors import MissingExtraError, OutputError
 from train.commands import FloatArray
-from train.evaluate import Subject, commands_of, evaluate, tracking_rmse
+from train.evaluate import Motions, Subject, commands_of, evaluate, tracking_rmse
 
 STATIC = (0.4, 0.6, 0.8, 1.0, 1.2, 1.4)
 KINETIC = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
@@ -22,7 +22,11 @@ FAMILY = "spline_acceleration"
 """The paper's own kind of command: B-spline accelerations (Section IV-B)."""
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-PAN_LIMIT = 0.2
+MM = 1e3
+"""Millimetres in a metre."""
+
+STILL_PANS = 1.5
+"""Error at which the colours of the friction table end, in errors of a pan that never moves."""
 
 
 def reproduce(subjects: Sequence[Subject], folder: Path) -> list[Path]:
@@ -67,7 +71,7 @@ def _trajectories(figure_class: Any, subjects: Sequence[Subject]) -> Any:
     for row, what in enumerate(("Object, relative to the pan", "Pan")):
         for column, coordinate in enumerate("xy"):
             axes[row, column].set(xlabel="time (s)", ylabel=f"{coordinate} (mm)", title=f"{what}: {coordinate}")
-        axes[row, 2].set(xlabel="x (mm)", ylabel="y (mm)", title=f"{what}, from above", aspect="equal")
+        axes[row, 2].set(xlabel="x (mm)", ylabel="y (mm)", title=f"{what.split(',')[0]}, from above", aspect="equal")
         axes[row, 2].set_adjustable("datalim")
     _draw(axes[0], time, position[0], color="black", linestyle="--", label="command")
     for subject, colour in zip(subjects, COLOURS, strict=False):
@@ -93,7 +97,9 @@ def _friction(figure_class: Any, subjects: Sequence[Subject]) -> Any:
     position = commands_of(FAMILY, TRAJECTORIES_PER_CELL)
     tables = [_friction_table(subject, position) for subject in subjects]
     figure = figure_class(figsize=(4.2 * len(subjects), 3.9), layout="constrained")
-    highest = max(float(np.nanmax(table)) for table in tables)
+    # A still pan's error is the yardstick: what is far beyond it would take the colours from all the rest.
+    still = tracking_rmse(Motions(position, position, np.zeros_like(position)), position).mean()
+    highest = STILL_PANS * MM * float(still)
     for axes, subject, table in zip(np.atleast_1d(figure.subplots(1, len(subjects))), subjects, tables, strict=True):
         image = axes.imshow(table, origin="lower", vmin=0.0, vmax=highest, cmap="viridis")
         axes.set(title=f"{subject.name}: RMS error (mm)", xlabel="static friction", ylabel="kinetic friction")
@@ -103,7 +109,7 @@ def _friction(figure_class: Any, subjects: Sequence[Subject]) -> Any:
             if np.isfinite(value):
                 colour = "black" if value > 0.6 * highest else "white"
                 axes.text(column, row, f"{value:.1f}", ha="center", va="center", color=colour, fontsize=8)
-    figure.colorbar(image, ax=figure.axes, shrink=0.8, label="mm")
+    figure.colorbar(image, ax=figure.axes, shrink=0.8, label="mm", extend="max")
     return figure
 
 

@@ -46,7 +46,18 @@ def test_plan_is_the_same_from_the_same_seed_whatever_the_length(spline):
 
 
 def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
-    arguments = ["--model", tiny_bundle, "--family", "spline", "--commands", "2", "--candidates", "32", "--iterations", "1"]
+    arguments = [
+        "--model",
+        tiny_bundle,
+        "--family",
+        "spline",
+        "--commands",
+        "2",
+        "--candidates",
+        "32",
+        "--iterations",
+        "1",
+    ]
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.peers", *map(str, arguments), "--json"],
         capture_output=True,
