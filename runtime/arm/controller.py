@@ -56,6 +56,9 @@ class ControlSettings:
     model_scale: float = 1.0
 
 
+FULL_CONTROL = ControlSettings()
+"""Everything acts."""
+
 PAPER_CONTROL = ControlSettings(feed_forward=False, gravity_terms=False)
 """The controller as Fig. 7 draws it: neither feed-forward nor gravity terms; the observer is left to find gravity."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -51,9 +52,9 @@ class Disturbance:
             raise InputError(f"--disturb {text!r} must be {FORMS}") from None
         if {"push": 2, "friction": 1}.get(kind) != len(values):
             raise InputError(f"--disturb {text!r} must be {FORMS}")
-        if not 0.0 <= time < np.inf:
+        if not 0.0 <= time < math.inf:
             raise InputError(f"--disturb {text!r}: the time must be 0 s or later")
-        if kind == "push" and not np.hypot(*values) <= MAX_PUSH:
+        if kind == "push" and not math.hypot(*values) <= MAX_PUSH:
             raise InputError(f"--disturb {text!r}: the force must be at most {MAX_PUSH:g} N")
         if kind == "friction" and not 0.0 <= values[0] <= MAX_COEFFICIENT:
             raise InputError(f"--disturb {text!r}: friction must be between 0 and {MAX_COEFFICIENT:g}")

@@ -20,6 +20,16 @@ MM = 1e3
 """Millimetres in a metre."""
 
 
+PLAN_ARRAYS = (
+    "command_position",
+    "pan_acceleration",
+    "pan_velocity",
+    "pan_position",
+    "object_velocity",
+    "object_position",
+)
+
+
 @dataclass(frozen=True)
 class Results:
     """Figures of one run over the plan's K samples; what became of the object, peaks and limits over the tail too.
@@ -142,7 +152,5 @@ def measured_track(plan: Plan, recording: Recording, name: str) -> tuple[Plan, T
     samples = min(len(plan), len(recording))
     pan, sliding = recording.pan[:samples], recording.sliding[:samples]
     if samples < len(plan):
-        arrays = ("command_position", "pan_acceleration", "pan_velocity", "pan_position")
-        arrays += ("object_velocity", "object_position")
-        plan = replace(plan, **{array: getattr(plan, array)[:samples] for array in arrays})
+        plan = replace(plan, **{array: getattr(plan, array)[:samples] for array in PLAN_ARRAYS})
     return plan, Track(name, sliding[:, :2], sliding[:, 2:], pan[:, :2])

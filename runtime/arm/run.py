@@ -22,8 +22,8 @@ MAX_DURATION = 60.0
 PAN_MISMATCH = 1e-6
 """Largest difference between a plan's pan position and what its accelerations lead to (m): rounding is far below."""
 
-BRAKES = (1.5, 2.5, 4.0, 6.0)
-"""Peak decelerations tried for the tail (m/s^2), the gentlest first."""
+BRAKES = (6.0, 4.0, 2.5, 1.5)
+"""Peak decelerations tried for the tail (m/s^2), the shortest first."""
 
 SAFE_RADIUS = PAN_RADIUS - OBJECT_RADIUS - 0.01
 """Distance from the pan's centre within which the object touches no rim, and a centimetre less (m)."""
@@ -126,7 +126,8 @@ def closed_loop(follower: Follower, chunk: int) -> Source:
                 last = next((each for each in reversed(measured) if each.status is not ObjectStatus.OFF_PAN), seen[0])
                 sliding[:] = last.sliding
             u = follower.step(pan, sliding)
-        return u[k % chunk]
+        now: FloatArray = u[k % chunk]
+        return now
 
     return source
 
@@ -134,8 +135,9 @@ def closed_loop(follower: Follower, chunk: int) -> Source:
 def brake(pan_velocity: FloatArray, sliding: FloatArray, friction: Friction) -> FloatArray:
     """Plan the tail that brings the pan to rest without throwing the object.
 
-    The velocity falls along a cubic, straight ahead. Of several peak decelerations the gentlest is taken that keeps
+    The velocity falls along a cubic, straight ahead. Of several peak decelerations the highest is taken that keeps
     the object off the rim by the law of friction; if none does, the one that keeps it nearest to the pan's centre.
+    Static friction is not counted on.
 
     Args:
         pan_velocity: (2,) at the end of the plan (m/s).
@@ -146,7 +148,8 @@ def brake(pan_velocity: FloatArray, sliding: FloatArray, friction: Friction) -> 
         (n, 2) pan accelerations (m/s^2), those of the rest after it included.
     """
     tails = [_decelerate(pan_velocity, peak) for peak in BRAKES]
-    reaches = [float(np.hypot(*rollout(sliding, tail, friction)[:, :2].T).max()) for tail in tails]
+    least = Friction(friction.kinetic, friction.kinetic)
+    reaches = [float(np.hypot(*rollout(sliding, tail, least)[:, :2].T).max()) for tail in tails]
     best = min(range(len(tails)), key=lambda index: max(reaches[index], SAFE_RADIUS))
     return tails[best]
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +15,7 @@ import numpy as np
 from runtime.arm import geometry as g
 from runtime.arm.controller import (
     ArmState,
+    FULL_CONTROL,
     ControlSettings,
     JointLimits,
     Memory,
@@ -44,7 +48,7 @@ FRICTION_ONSET = 0.05
 """Joint speed at which the joints' dry friction is nearly whole (rad/s); tanh of the speed over this."""
 
 OBJECT_COLOUR = (0.85, 0.25, 0.1, 1.0)
-GROUND_COLOUR = (0.55, 0.62, 0.55, 1.0)
+GROUND_COLOUR = (0.62, 0.68, 0.64, 1.0)
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ class Simulated:
         gui: open the simulator's window.
     """
 
-    control: ControlSettings = ControlSettings()
+    control: ControlSettings = FULL_CONTROL
     friction: float = 0.5
     object_mass: float = 0.1
     noise: float = 0.0
@@ -93,13 +97,29 @@ def import_pybullet() -> Any:
         MissingExtraError: it is not installed.
     """
     try:
-        import pybullet
+        with _quiet_stderr():  # it prints when it was built
+            import pybullet
     except ImportError as error:
         line = "the simulated arm needs pybullet: pip install 'slide-planner[pybullet]'"
         if sys.version_info >= (3, 12):
             line += " in an environment of Python 3.11, since there is no pybullet wheel for newer ones"
         raise MissingExtraError(line) from error
     return pybullet
+
+
+@contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """Silence what a compiled module prints on standard error."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 class SimulatedArm:
@@ -134,9 +154,7 @@ class SimulatedArm:
 
     def step(self, command: PanCommand) -> Measured:
         """Control the pan for one sample; see `Arm`."""
-        tick = control(
-            self._task(command), self._arm_state(), self._memory, self.settings.control, self._limits
-        )
+        tick = control(self._task(command), self._arm_state(), self._memory, self.settings.control, self._limits)
         self._memory = tick.memory
         self._apply(tick.torque)
         self.bullet.stepSimulation(physicsClientId=self.client)
@@ -161,9 +179,7 @@ class SimulatedArm:
 
     def pan_pose(self) -> tuple[FloatArray, FloatArray]:
         """Return the pan's centre (3,) in the world (m), and its frame: (3, 3), the columns its axes in the world."""
-        link = self.bullet.getLinkState(
-            self._arm, PAN_LINK, computeForwardKinematics=True, physicsClientId=self.client
-        )
+        link = self.bullet.getLinkState(self._arm, PAN_LINK, computeForwardKinematics=True, physicsClientId=self.client)
         rotation = np.array(self.bullet.getMatrixFromQuaternion(link[1])).reshape(3, 3)
         return np.array(link[0]), rotation @ self._home_rotation.T
 
@@ -177,15 +193,18 @@ class SimulatedArm:
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=DT, numSubSteps=SUBSTEPS, deterministicOverlappingPairs=1, physicsClientId=client
         )
-        size = [3.0, 3.0, 0.05]
-        ground = bullet.createMultiBody(
-            0.0,
-            bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=size, physicsClientId=client),
-            bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=size, rgbaColor=GROUND_COLOUR, physicsClientId=client),
-            basePosition=[0.0, 0.0, -0.05],
+        ground = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+        # Offscreen, the camera paints the ground, since rendering it would take half of the time; the speck drawn
+        # there, inside the arm's base, keeps the engine from drawing a plane of its own.
+        extent = 3.0 if self.settings.gui else 0.001
+        drawn = bullet.createVisualShape(
+            bullet.GEOM_BOX,
+            halfExtents=[extent, extent, 0.001],
+            visualFramePosition=[0.0, 0.0, -0.001],
+            rgbaColor=GROUND_COLOUR,
             physicsClientId=client,
         )
-        bullet.changeDynamics(ground, -1, lateralFriction=1.0, physicsClientId=client)
+        bullet.createMultiBody(0.0, ground, drawn, physicsClientId=client)
 
     def _load_arm(self) -> int:
         """Load the arm at home, its motors off and nothing damped, so that torques alone move it."""

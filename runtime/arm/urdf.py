@@ -65,15 +65,22 @@ def _pan_link() -> list[str]:
     lines = ['<link name="pan">', *_inertial(mass, (0.0, 0.0, g.HAND), inertia)]
     handle = g.HAND - radius - g.FLANGE
     below = 0.5 * g.PAN_THICKNESS
-    lines += _shape(
-        "visual", _cylinder(0.015, handle), f"{below:g} 0 {g.FLANGE + handle / 2:g}", material="joint"
-    )
-    bottom = _cylinder(radius, g.PAN_THICKNESS)
-    for kind in ("visual", "collision"):
-        lines += _shape(kind, bottom, f"{below:g} 0 {g.HAND:g}", f"0 {math.pi / 2:.9f} 0", material="pan")
+    lines += _shape("visual", _cylinder(0.015, handle), f"{below:g} 0 {g.FLANGE + handle / 2:g}", material="joint")
+    centre = f"{below:g} 0 {g.HAND:g}"
+    lines += _shape("collision", _cylinder(radius, g.PAN_THICKNESS), centre, f"0 {math.pi / 2:.9f} 0")
+    for index in range(g.RIM_BOXES // 2):
+        lines += _bottom_strip(centre, 2.0 * math.pi * index / g.RIM_BOXES)
     for index in range(g.RIM_BOXES):
         lines += _rim_box(2.0 * math.pi * index / g.RIM_BOXES)
     return [*lines, "</link>"]
+
+
+def _bottom_strip(centre: str, angle: float) -> list[str]:
+    """One of the strips the bottom is drawn with: the renderer rounds off a disc's edge, which looks like a hill."""
+    half = math.pi / g.RIM_BOXES
+    length, width = 2.0 * g.PAN_RADIUS * math.cos(half), 2.0 * g.PAN_RADIUS * math.sin(half)
+    box = ["<box", f'size="{g.PAN_THICKNESS:g} {length:.6f} {width:.6f}"/>']
+    return _shape("visual", box, centre, f"{angle:.9f} 0 0", "pan")
 
 
 def _rim_box(angle: float) -> list[str]:

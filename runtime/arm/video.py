@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arm import geometry as g
 from runtime.arm.interface import Measured
 from runtime.arm.run import Hook
 from runtime.arm.simulation import SimulatedArm
@@ -27,14 +26,25 @@ FRAMES_PER_SECOND = 25
 SLOW_MOTION = 4
 """A film shows a run this many times slower: all of a stick and a slip is over in a tenth of a second."""
 
-CAMERA = {"cameraTargetPosition": [0.62, 0.0, 0.30], "distance": 0.95, "yaw": 50.0, "pitch": -42.0, "roll": 0.0}
+CAMERA = {"cameraTargetPosition": [0.55, 0.0, 0.34], "distance": 1.3, "yaw": 55.0, "pitch": -38.0, "roll": 0.0}
 """Where the camera looks (m) and from where (m, degrees): from ahead and above, so that the pan's bottom is seen."""
+
+LIGHT = [0.5, -0.6, 1.5]
+"""Where the light comes from."""
 
 FIELD_OF_VIEW = 42.0
 """Vertical angle of view (degrees)."""
 
 NEAR, FAR = 0.1, 6.0
 """Distances between which there is a picture (m)."""
+
+GROUND_COLOUR = (160, 178, 168)
+GRID_COLOUR = (122, 140, 131)
+GRID_SPACING = 0.25
+"""Distance between the lines on the ground (m)."""
+
+GRID_WIDTH = 0.008
+"""Width of these lines (m)."""
 
 COMMAND_COLOUR = (20, 60, 200)
 TARGET_COLOUR = (0, 150, 60)
@@ -58,28 +68,51 @@ class Camera:
         bullet = arm.bullet
         self._view = bullet.computeViewMatrixFromYawPitchRoll(upAxisIndex=2, **CAMERA)
         self._projection = bullet.computeProjectionMatrixFOV(FIELD_OF_VIEW, size[0] / size[1], NEAR, FAR)
+        self._ground = self._paint_ground()
 
     def picture(self, k: int) -> Image:
         """Return what is seen at t_k, (height, width, 3)."""
         bullet, (width, height) = self._arm.bullet, self._size
-        _, _, pixels, _, _ = bullet.getCameraImage(
+        _, _, pixels, _, bodies = bullet.getCameraImage(
             width,
             height,
             self._view,
             self._projection,
-            lightDirection=[0.5, -0.6, 1.5],
-            lightColor=[1.0, 1.0, 1.0],
+            lightDirection=LIGHT,
             lightAmbientCoeff=0.65,
             lightDiffuseCoeff=0.4,
             lightSpecularCoeff=0.05,
-            shadow=1,
+            shadow=0,  # it would double the time
             renderer=bullet.ER_TINY_RENDERER,
             physicsClientId=self._arm.client,
         )
         image: Image = np.reshape(np.asarray(pixels, dtype=np.uint8), (height, width, 4))[..., :3].copy()
+        nothing = np.reshape(np.asarray(bodies), (height, width)) < 0
+        image[nothing] = self._ground[nothing]
         if self._command is not None:
             self._draw_command(image, self._command, k)
         return image
+
+    def _paint_ground(self) -> Image:
+        """Return the ground as the camera sees it, with lines on it: (height, width, 3).
+
+        A line of sight meets the ground where its world coordinates, which are linear in the depth along it up to a
+        factor, have height zero. Painting it takes no time; the renderer would need longer for it than for the arm.
+        """
+        width, height = self._size
+        columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        screen_x, screen_y = 2.0 * columns / width - 1.0, 1.0 - 2.0 * rows / height
+        inverse = np.linalg.inv(np.reshape(self._view, (4, 4)) @ np.reshape(self._projection, (4, 4)))
+        ends = []
+        for depth in (-1.0, 1.0):
+            clip = np.stack([screen_x, screen_y, np.full_like(screen_x, depth), np.ones_like(screen_x)], axis=-1)
+            world = clip @ inverse
+            ends.append(world[..., :3] / world[..., 3:])
+        near, far = ends
+        share = near[..., 2] / (near[..., 2] - far[..., 2])
+        place = near[..., :2] + share[..., None] * (far - near)[..., :2]
+        lines = (np.abs(place - GRID_SPACING * np.round(place / GRID_SPACING)) < 0.5 * GRID_WIDTH).any(axis=-1)
+        return np.where(lines[..., None], np.array(GRID_COLOUR), np.array(GROUND_COLOUR)).astype(np.uint8)
 
     def _draw_command(self, image: Image, command: FloatArray, k: int) -> None:
         path = command[:: max(1, len(command) // PATH_DOTS)]
