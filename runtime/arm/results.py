@@ -76,8 +76,9 @@ class Results:
         """One line for each thing that was missed."""
         notes = [] if self.lost is None else [f"the object was {self.lost} at {self.lost_at:.3f} s"]
         if self.limits:
-            parts = [f"{name} ({count} sample{'s'[: count != 1]})" for name, count in self.limits.items()]
-            notes.append(f"the arm was held back by its limits: {', '.join(parts)}")
+            longest = max(self.limits.values())
+            names = ", ".join(sorted(self.limits))
+            notes.append(f"the arm was held back for {longest} sample{'s'[: longest != 1]} or more by: {names}")
         return notes
 
     @property

@@ -19,14 +19,23 @@ from runtime.plan import Plan
 MAX_DURATION = 60.0
 """Longest plan executed (s)."""
 
+MAX_ACCELERATION = 1e4
+"""Largest pan acceleration of a plan (m/s^2): a thousand times what an arm can do, so it is another unit or broken."""
+
 PAN_MISMATCH = 1e-6
 """Largest difference between a plan's pan position and what its accelerations lead to (m): rounding is far below."""
 
-BRAKES = (6.0, 4.0, 2.5, 1.5)
-"""Peak decelerations tried for the tail (m/s^2), the shortest first."""
+BRAKES = (1.5, 2.5, 4.0, 6.0, 9.0, 13.0, 18.0)
+"""Peak decelerations tried for the tail (m/s^2)."""
+
+TAIL_REACH = 0.3
+"""Distance from where the pan began within which the tail should stop it (m); the arm reaches half a metre."""
 
 SAFE_RADIUS = PAN_RADIUS - OBJECT_RADIUS - 0.01
 """Distance from the pan's centre within which the object touches no rim, and a centimetre less (m)."""
+
+MAX_TAIL = 2.0
+"""Longest deceleration (s); a pan that leaves a plan faster than 2 m/s is not saved by a gentle one."""
 
 REST = 0.3
 """Time the pan is held still after the tail (s), in which an object that still slides comes to rest."""
@@ -83,18 +92,22 @@ def check_plan(plan: Plan) -> None:
     """Check that a plan can be executed.
 
     Raises:
-        InputError: it has another dt, is longer than 60 s, or its pan does not begin at rest at the origin and move
-            as its accelerations say.
+        InputError: it has another dt, is longer than 60 s, has an absurd acceleration, or its pan does not begin at
+            rest at the origin and move as its accelerations say.
     """
     if plan.dt != DT:
         raise InputError(f"dt is {plan.dt:g} s, the arm is controlled every {DT:g} s")
     duration = len(plan) * plan.dt
     if duration > MAX_DURATION:
         raise InputError(f"the plan lasts {duration:g} s, at most {MAX_DURATION:g} s are executed")
+    largest = float(np.abs(plan.pan_acceleration).max())
+    if largest > MAX_ACCELERATION:
+        raise InputError(
+            f"pan.acceleration has {largest:.3g} m/s^2, at most {MAX_ACCELERATION:g} m/s^2 are tried (is it in m/s^2?)"
+        )
     led_to = integrate_pan(np.zeros(4), plan.pan_acceleration)[:-1, :2]
-    with np.errstate(over="ignore", invalid="ignore"):
-        mismatch = np.abs(plan.pan_position - np.concatenate([np.zeros((1, 2)), led_to])).max()
-    if not mismatch <= PAN_MISMATCH:
+    mismatch = np.abs(plan.pan_position - np.concatenate([np.zeros((1, 2)), led_to])).max()
+    if mismatch > PAN_MISMATCH:
         raise InputError(
             f"pan.position differs by {mismatch:.3g} m from what pan.acceleration leads to from rest at the origin, "
             f"at most {PAN_MISMATCH:g} m is rounding"
@@ -132,31 +145,36 @@ def closed_loop(follower: Follower, chunk: int) -> Source:
     return source
 
 
-def brake(pan_velocity: FloatArray, sliding: FloatArray, friction: Friction) -> FloatArray:
+def brake(pan: FloatArray, sliding: FloatArray, friction: Friction) -> FloatArray:
     """Plan the tail that brings the pan to rest without throwing the object.
 
-    The velocity falls along a cubic, straight ahead. Of several peak decelerations the highest is taken that keeps
-    the object off the rim by the law of friction; if none does, the one that keeps it nearest to the pan's centre.
-    Static friction is not counted on.
+    The velocity falls along a cubic, straight ahead. Of several peak decelerations that one is taken which by the law
+    of friction keeps the object off the rim, then stops the pan within 0.3 m of where it began, then moves the object
+    least. Static friction is not counted on.
 
     Args:
-        pan_velocity: (2,) at the end of the plan (m/s).
+        pan: (4,) commanded position relative to where the pan began (m) and velocity (m/s) at the end of the plan.
         sliding: (4,) object position (m) and velocity (m/s) relative to the pan, then.
         friction: coefficients.
 
     Returns:
         (n, 2) pan accelerations (m/s^2), those of the rest after it included.
     """
-    tails = [_decelerate(pan_velocity, peak) for peak in BRAKES]
     least = Friction(friction.kinetic, friction.kinetic)
-    reaches = [float(np.hypot(*rollout(sliding, tail, least)[:, :2].T).max()) for tail in tails]
-    best = min(range(len(tails)), key=lambda index: max(reaches[index], SAFE_RADIUS))
-    return tails[best]
+
+    def cost(tail: FloatArray) -> tuple[float, float, float]:
+        object_position = rollout(sliding, tail, least)[:, :2]
+        object_reach = float(np.hypot(*object_position.T).max())
+        pan_reach = float(np.hypot(*integrate_pan(pan, tail)[-1, :2]))
+        moved = float(np.hypot(*(object_position - sliding[:2]).T).max())
+        return max(0.0, object_reach - SAFE_RADIUS), max(0.0, pan_reach - TAIL_REACH), moved
+
+    return min((_decelerate(pan[2:], peak) for peak in BRAKES), key=cost)
 
 
 def _decelerate(velocity: FloatArray, peak: float) -> FloatArray:
     speed = float(np.hypot(*velocity))
-    samples = max(1, round(1.5 * speed / peak / DT))
+    samples = max(1, round(min(1.5 * speed / peak, MAX_TAIL) / DT))
     x = np.arange(samples + 1) / samples
     left = 1.0 - x * x * (3.0 - 2.0 * x)
     return np.concatenate([np.diff(left)[:, None] * velocity / DT, np.zeros((round(REST / DT), 2))])
@@ -180,7 +198,7 @@ def execute(plan: Plan, arm: Arm, source: Source, hooks: Sequence[Hook] = ()) ->
         measured, pan = arm.reset(plan.object_position[0]), np.zeros(4)
         for k in range(len(plan)):
             measured, pan = log.step(arm, measured, pan, lambda k: source(k, log.measured), hooks)
-        tail = brake(pan[2:], measured.sliding, plan.friction)
+        tail = brake(pan, measured.sliding, plan.friction)
         for _ in tail:
             measured, pan = log.step(arm, measured, pan, lambda k: tail[k - len(plan)], hooks)
     except KeyboardInterrupt:

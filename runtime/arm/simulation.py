@@ -14,8 +14,8 @@ import numpy as np
 
 from runtime.arm import geometry as g
 from runtime.arm.controller import (
-    ArmState,
     FULL_CONTROL,
+    ArmState,
     ControlSettings,
     JointLimits,
     Memory,
