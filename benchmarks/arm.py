@@ -99,7 +99,7 @@ def stick_slip_plan(seed: int) -> Plan:
         A plan whose command is what the object does by the law under friction 0.5.
     """
     rng = np.random.default_rng(seed)
-    t: FloatArray = np.arange(SAMPLES) * DT
+    t = np.arange(SAMPLES, dtype=np.float64) * DT
     while True:
         frequency, phase = rng.uniform(*FREQUENCIES, (3, 2)), rng.uniform(0.0, 2.0 * np.pi, (3, 2))
         size = rng.uniform(0.3, 1.0, (3, 2)) / frequency**2

@@ -37,6 +37,8 @@ SETTLING = 0.4
 
 JOINTS = range(6)
 PAN_LINK = 5
+PAN_CENTRE = [0.0, 0.0, g.HAND]
+"""The pan in the frame of its link (m), which is where the Jacobian is asked for; the link state is of the inertia."""
 
 TOPPLED_FROM = math.cos(math.radians(45.0))
 """Cosine of the angle between the object's axis and the pan's normal from which it has toppled."""
@@ -175,7 +177,10 @@ class SimulatedArm:
 
     def set_friction(self, friction: float) -> None:
         """Change the friction coefficient between pan and object."""
-        self.bullet.changeDynamics(self._object, -1, lateralFriction=friction, physicsClientId=self.client)
+        bullet, client = self.bullet, self.client
+        bullet.changeDynamics(self._object, -1, lateralFriction=friction / g.PAN_FRICTION, physicsClientId=client)
+        # A contact keeps the friction it began with. Setting the collision filter, to what it is, drops the contacts.
+        bullet.setCollisionFilterGroupMask(self._object, -1, 1, -1, physicsClientId=client)
 
     def pan_pose(self) -> tuple[FloatArray, FloatArray]:
         """Return the pan's centre (3,) in the world (m), and its frame: (3, 3), the columns its axes in the world."""
@@ -259,7 +264,7 @@ class SimulatedArm:
         speed = [joint[1] for joint in joints]
         zero = [0.0] * len(JOINTS)
         link = bullet.getLinkState(arm, PAN_LINK, computeForwardKinematics=True, physicsClientId=client)
-        jacobian = bullet.calculateJacobian(arm, PAN_LINK, [0.0, 0.0, 0.0], theta, speed, zero, physicsClientId=client)
+        jacobian = bullet.calculateJacobian(arm, PAN_LINK, PAN_CENTRE, theta, speed, zero, physicsClientId=client)
         return ArmState(
             theta_velocity=np.array(speed),
             position=np.array(link[0]),
