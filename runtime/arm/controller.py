@@ -28,9 +28,9 @@ TASK_LIMITS = np.array([150.0, 150.0, 150.0, 600.0, 600.0, 600.0])
 """Largest task acceleration asked for (m/s^2, rad/s^2): several times what plans need, so that only an error that has
 left all proportion is cut."""
 
-SINGULAR_FROM = 0.1
-"""Singular value of the Jacobian below which it is damped (m or 1, per rad): four times below that of the nominal
-workspace, where damping would only be an error of the model."""
+SINGULAR_FROM = 0.05
+"""Singular value of the Jacobian below which it is damped (m or 1, per rad): half of the least value within 0.2 m of
+where the pan begins, where damping would only be an error of the model."""
 
 DAMPING = 0.05
 """Damping of a Jacobian that is singular: joint accelerations are at most task accelerations over twice this."""

@@ -39,8 +39,8 @@ class ArmOptions:
     @property
     def given(self) -> list[str]:
         """The options that were given, as they are written."""
-        unset = (None, False, ())
-        return [f"--{field.name.replace('_', '-')}" for field in fields(self) if getattr(self, field.name) not in unset]
+        given = [field.name for field in fields(self) if getattr(self, field.name) != field.default]
+        return [f"--{name.replace('_', '-')}" for name in given]
 
     def refuse_without_pybullet(self) -> None:
         """Check that no option is given that would have no effect.

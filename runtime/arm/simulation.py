@@ -86,6 +86,8 @@ class Simulated:
             if not low <= value <= high:  # which a NaN is not either
                 words = name.replace("_", " ")
                 raise InputError(f"{words} must be between {low:g} and {high:g}{unit}, got {value:g}")
+        if self.seed < 0:
+            raise InputError(f"seed must be 0 or more, got {self.seed}")
 
 
 NOISE_WINDOW = 0.02
