@@ -184,6 +184,11 @@ class SimulatedArm:
         # A contact keeps the friction it began with. Setting the collision filter, to what it is, drops the contacts.
         bullet.setCollisionFilterGroupMask(self._object, -1, 1, -1, physicsClientId=client)
 
+    @property
+    def object_body(self) -> int:
+        """The simulator's number of the object."""
+        return self._object
+
     def pan_pose(self) -> tuple[FloatArray, FloatArray]:
         """Return the pan's centre (3,) in the world (m), and its frame: (3, 3), the columns its axes in the world."""
         link = self.bullet.getLinkState(self._arm, PAN_LINK, computeForwardKinematics=True, physicsClientId=self.client)

@@ -26,7 +26,7 @@ FRAMES_PER_SECOND = 25
 SLOW_MOTION = 4
 """A film shows a run this many times slower: all of a stick and a slip is over in a tenth of a second."""
 
-CAMERA = {"cameraTargetPosition": [0.55, 0.0, 0.34], "distance": 1.3, "yaw": 55.0, "pitch": -38.0, "roll": 0.0}
+CAMERA = {"cameraTargetPosition": [0.58, 0.0, 0.33], "distance": 1.15, "yaw": 55.0, "pitch": -38.0, "roll": 0.0}
 """Where the camera looks (m) and from where (m, degrees): from ahead and above, so that the pan's bottom is seen."""
 
 LIGHT = [0.5, -0.6, 1.5]
@@ -87,10 +87,10 @@ class Camera:
             physicsClientId=self._arm.client,
         )
         image: Image = np.reshape(np.asarray(pixels, dtype=np.uint8), (height, width, 4))[..., :3].copy()
-        nothing = np.reshape(np.asarray(bodies), (height, width)) < 0
-        image[nothing] = self._ground[nothing]
+        body = np.reshape(np.asarray(bodies), (height, width))
+        image[body < 0] = self._ground[body < 0]
         if self._command is not None:
-            self._draw_command(image, self._command, k)
+            self._draw_command(image, self._command, k, body == self._arm.object_body)
         return image
 
     def _paint_ground(self) -> Image:
@@ -114,13 +114,17 @@ class Camera:
         lines = (np.abs(place - GRID_SPACING * np.round(place / GRID_SPACING)) < 0.5 * GRID_WIDTH).any(axis=-1)
         return np.where(lines[..., None], np.array(GRID_COLOUR), np.array(GROUND_COLOUR)).astype(np.uint8)
 
-    def _draw_command(self, image: Image, command: FloatArray, k: int) -> None:
+    def _draw_command(self, image: Image, command: FloatArray, k: int, hidden: NDArray[np.bool_]) -> None:
+        """Draw the path, behind the object, and where the object should be, before it."""
+        hiding = image[hidden]
         path = command[:: max(1, len(command) // PATH_DOTS)]
         now = command[min(k, len(command) - 1)][None]
         scale = self._size[1] / HEIGHT
         for points, colour, size in ((path, COMMAND_COLOUR, 1.2 * scale), (now, TARGET_COLOUR, 5.0 * scale)):
             for column, row in self._pixels(points):
                 _dot(image, column, row, size, colour)
+            if points is path:
+                image[hidden] = hiding
 
     def _pixels(self, points: FloatArray) -> FloatArray:
         """Return columns and rows (n, 2) of points (n, 2) on the pan (m)."""
