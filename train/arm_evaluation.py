@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,7 +118,7 @@ def draw_snapshots(figure_class: Any, executed: Sequence[Executed]) -> Any:
     return figure
 
 
-def arm_table(rows_of: dict[str, dict[str, ArmRow]]) -> str:
+def arm_table(rows_of: Mapping[str, Mapping[str, ArmRow]]) -> str:
     """Return a Markdown table of each model's rows."""
     lines = [
         "| model | executed | object to command, mean | median | worst | pan to its command, worst | object lost |",

@@ -176,13 +176,13 @@ def slide_eval(
         from train.commands import FAMILIES
         from train.evaluate import evaluate, load_subject
     subjects = [load_subject(source) for source in sources]
+    arm_tables = _on_arm(subjects) if pybullet else {}
     if reproduce is not None:
         from train.reproduction import reproduce as write_reproduction
 
-        for path in write_reproduction(subjects, reproduce, on_arm=pybullet):
+        for path in write_reproduction(subjects, reproduce, arm_tables):
             say("slide-eval", f"wrote {path}")
     tables = {subject.name: {family: evaluate(subject, family) for family in FAMILIES} for subject in subjects}
-    arm_tables = {subject.name: _on_arm(subject) for subject in subjects} if pybullet else {}
     if as_json:
         document = {name: {family: row._asdict() for family, row in table.items()} for name, table in tables.items()}
         for name, rows in arm_tables.items():
@@ -195,11 +195,12 @@ def slide_eval(
             _print_arm_rows(name, arm_tables[name])
 
 
-def _on_arm(subject: Subject) -> dict[str, ArmRow]:
+def _on_arm(subjects: Sequence[Subject]) -> dict[str, dict[str, ArmRow]]:
     from train.arm_evaluation import COMMANDS, evaluate_on_arm
     from train.evaluate import commands_of
 
-    return evaluate_on_arm(subject, commands_of("spline_acceleration", COMMANDS))
+    position = commands_of("spline_acceleration", COMMANDS)
+    return {subject.name: evaluate_on_arm(subject, position) for subject in subjects}
 
 
 def _print_rows(name: str, rows: Mapping[str, Row]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 
 from runtime import Friction
 from runtime.errors import MissingExtraError, OutputError
+from train import arm_evaluation as arm
+from train.arm_evaluation import ArmRow
 from train.commands import FloatArray
 from train.evaluate import Subject, commands_of, evaluate, tracking_rmse
+
+ArmRows = Mapping[str, Mapping[str, ArmRow]]
+"""By a model's name, then by the way it was executed."""
 
 STATIC = (0.4, 0.6, 0.8, 1.0, 1.2, 1.4)
 KINETIC = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
@@ -28,13 +33,13 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 PAN_LIMIT = 0.2
 
 
-def reproduce(subjects: Sequence[Subject], folder: Path, on_arm: bool = False) -> list[Path]:
+def reproduce(subjects: Sequence[Subject], folder: Path, arm_rows: ArmRows | None = None) -> list[Path]:
     """Write `reproduction.md` and its pictures into `folder`.
 
     Args:
         subjects: the models to compare, in the order in which they are shown.
         folder: made if need be.
-        on_arm: whether the evaluation with the arm in pybullet is part of it.
+        arm_rows: what `evaluate_on_arm` gave for each model; without it the arm in pybullet is left out.
 
     Returns:
         The files written.
@@ -54,8 +59,8 @@ def reproduce(subjects: Sequence[Subject], folder: Path, on_arm: bool = False) -
             "reproduction-friction.png": _friction(Figure, subjects),
         }
         arm_section = ""
-        if on_arm:
-            arm_figures, arm_section = _arm(Figure, subjects)
+        if arm_rows:
+            arm_figures, arm_section = _arm(Figure, subjects, arm_rows)
             figures |= arm_figures
         for name, figure in figures.items():
             figure.savefig(folder / name, dpi=110)
@@ -134,18 +139,14 @@ def _friction_table(subject: Subject, position: FloatArray) -> FloatArray:
     return table
 
 
-def _arm(figure_class: Any, subjects: Sequence[Subject]) -> tuple[dict[str, Any], str]:
+def _arm(figure_class: Any, subjects: Sequence[Subject], arm_rows: ArmRows) -> tuple[dict[str, Any], str]:
     """Figs. 9 and 10, and a table: what the arm in pybullet makes of the models."""
-    from train import arm_evaluation as arm  # needs the extra [pybullet]
-
-    positions = commands_of(FAMILY, arm.COMMANDS)
     executed = [arm.execute_for_figures(subject, commands_of(FAMILY)[SHOWN]) for subject in subjects]
     drawn = [(each.name, each.object_position, each.pan_position) for each in executed]
     figures = {
         "reproduction-arm-trajectories.png": _draw_models(figure_class, commands_of(FAMILY)[SHOWN], drawn),
         "reproduction-arm-snapshots.png": arm.draw_snapshots(figure_class, executed),
     }
-    table = arm.arm_table({subject.name: arm.evaluate_on_arm(subject, positions) for subject in subjects})
     return (
         figures,
         f"""
@@ -168,7 +169,7 @@ The blue line on the pan is the command, the green dot where the object should b
 Root of the mean squared distance between object and command, over {arm.COMMANDS} commands. In closed loop the network
 sees the measured states every 100 ms; paper control is the controller of Fig. 7 without feed-forward and gravity terms.
 
-{table}
+{arm.arm_table(arm_rows)}
 """,
     )
 
