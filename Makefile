@@ -6,15 +6,20 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check bench clean
+.PHONY: help run demo-arm test check bench clean
 
 help: ## list the verbs
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 run: $(VENV)/base.stamp ## plan a figure eight, run it, and write out/plan.json and out/report.html
 	@mkdir -p out
 	$(BIN)/slide-plan examples/figure_eight.csv -o out/plan.json
 	$(BIN)/slide-run out/plan.json --report out/report.html
+
+demo-arm: $(VENV)/arm.stamp ## plan, execute on the simulated arm in closed loop, and write out/arm.mp4 and out/arm.html
+	@mkdir -p out
+	$(BIN)/slide-plan examples/figure_eight.csv -o out/plan.json
+	$(BIN)/slide-run out/plan.json --pybullet --closed-loop --video out/arm.mp4 --report out/arm.html
 
 test: $(VENV)/dev.stamp ## run every test
 	$(BIN)/python -m pytest
@@ -37,6 +42,10 @@ $(VENV)/base.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable .
 	@touch $@
 
+$(VENV)/arm.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) --editable '.[pybullet]'
+	@touch $@ $(VENV)/base.stamp
+
 $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[dev]'
-	@touch $@ $(VENV)/base.stamp
+	@touch $@ $(VENV)/base.stamp $(VENV)/arm.stamp

@@ -9,7 +9,7 @@ import functools
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,10 +17,11 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from runtime.arm.options import ArmOptions
 from runtime.bundle import BUNDLE_FORMAT, TRAINED_ON, Bundle
 from runtime.command import Command
 from runtime.documents import check_writable
-from runtime.errors import MissingExtraError, SlideError
+from runtime.errors import InputError, MissingExtraError, SlideError
 from runtime.friction import Friction
 from runtime.plan import Plan, Status, check_suffix, tracking_error
 from runtime.planner import DEFAULT_BUNDLE, Planner
@@ -172,8 +173,65 @@ def slide_run(
     report: Annotated[
         Path | None, typer.Option("--report", help="Page to write, with the motion animated.", metavar="HTML")
     ] = None,
+    pybullet: Annotated[
+        bool, typer.Option("--pybullet", help="Execute on a simulated arm; what follows is for it.")
+    ] = False,
+    closed_loop: Annotated[bool, typer.Option("--closed-loop", help="Decode again with what is measured.")] = False,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Bundle for it; the shipped one if not given.", metavar="DIR")
+    ] = None,
+    paper_control: Annotated[
+        bool, typer.Option("--paper-control", help="Control without feed-forward and gravity terms.")
+    ] = False,
+    gui: Annotated[bool, typer.Option("--gui", help="Open the simulator's window.")] = False,
+    video: Annotated[Path | None, typer.Option("--video", help="Film to write.", metavar="MP4")] = None,
+    friction: Annotated[
+        float | None, typer.Option("--friction", help="Friction in the simulator; 0.5 if not given.", metavar="MU")
+    ] = None,
+    object_mass: Annotated[
+        float | None, typer.Option("--object-mass", help="Mass of the object; 0.1 kg if not given.", metavar="KG")
+    ] = None,
+    noise: Annotated[
+        float | None, typer.Option("--noise", help="Spread of the measured object position (m).", metavar="M")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed of the noise.")] = None,
+    disturb: Annotated[
+        list[str] | None,
+        typer.Option("--disturb", help="push@T=FX,FY (N) or friction@T=MU; may be repeated.", metavar="WHAT"),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
+    """Replay a plan on the law of friction, maybe under another friction, or execute it on a simulated arm."""
+    arm = ArmOptions(
+        closed_loop, model, paper_control, gui, video, friction, object_mass, noise, seed, tuple(disturb or ())
+    )
+    if pybullet:
+        if static is not None or kinetic is not None:
+            raise InputError("--static and --kinetic are of the replay: give --friction with --pybullet")
+        _run_on_arm(plan_file, arm, report, as_json)
+    else:
+        arm.refuse_without_pybullet()
+        _replay(plan_file, static, kinetic, report, as_json)
+
+
+def _run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, as_json: bool) -> None:
+    from runtime.arm.program import run_on_arm  # needs the extra [pybullet]
+
+    outcome = run_on_arm(plan_file, options, report)
+    for remark in outcome.remarks:
+        say("slide-run", f"note: {remark}")
+    if as_json:
+        print_json(outcome.document)
+    elif outcome.results is not None:
+        written = [(name, str(path)) for name, path in (("video", options.video), ("report", report)) if path]
+        print_table(f"{plan_file} on the simulated arm, {outcome.document['loop']}", [*outcome.results.rows, *written])
+    if outcome.interrupted:
+        say("slide-run", "interrupted; what was recorded until then is kept")
+        raise typer.Exit(INTERRUPTED)
+    _conclude("slide-run", outcome.plan, outcome.notes)
+
+
+def _replay(plan_file: Path, static: float | None, kinetic: float | None, report: Path | None, as_json: bool) -> None:
     """Replay a plan on the law of friction, maybe under another friction than it was made for."""
     if report is not None:
         check_writable(report)
@@ -280,11 +338,12 @@ def print_json(document: dict[str, Any]) -> None:
     print(json.dumps(document, allow_nan=False))
 
 
-def _conclude(name: str, plan: Plan) -> None:
-    """Say what is to be said of the plan's limits; a missed one makes the exit code 1."""
+def _conclude(name: str, plan: Plan, missed: Sequence[str] = ()) -> None:
+    """Say what is to be said of the plan's limits and of what was missed besides; either makes the exit code 1."""
     notes = "; ".join(plan.quality.notes)
-    if plan.quality.status is Status.LIMIT_EXCEEDED:
-        say(name, f"limit exceeded: {notes}")
+    if plan.quality.status is Status.LIMIT_EXCEEDED or missed:
+        exceeded = [f"limit exceeded: {notes}"] if plan.quality.status is Status.LIMIT_EXCEEDED else []
+        say(name, "; ".join([*missed, *exceeded]))
         raise typer.Exit(DONE_BUT_MISSED)
     if notes:
         say(name, f"warning: {notes}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -15,7 +15,9 @@ from runtime.cli import AsJson, extra, print_json, run, say
 from runtime.errors import InputError, OutputError
 
 if TYPE_CHECKING:
+    from train.arm_evaluation import ArmRow
     from train.config import TrainConfig
+    from train.evaluate import Row, Subject
     from train.trainer import Trainer
 
 MM = 1e3
@@ -164,6 +166,9 @@ def slide_eval(
     reproduce: Annotated[
         Path | None, typer.Option(help="Write the paper's evaluation into this folder.", metavar="DIR")
     ] = None,
+    pybullet: Annotated[
+        bool, typer.Option("--pybullet", help="Execute on the simulated arm too; takes minutes.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Evaluate networks on every family of commands they may be given, under nominal friction."""
@@ -171,29 +176,60 @@ def slide_eval(
         from train.commands import FAMILIES
         from train.evaluate import evaluate, load_subject
     subjects = [load_subject(source) for source in sources]
+    arm_tables = _on_arm(subjects) if pybullet else {}
     if reproduce is not None:
         from train.reproduction import reproduce as write_reproduction
 
-        for path in write_reproduction(subjects, reproduce):
+        for path in write_reproduction(subjects, reproduce, arm_tables):
             say("slide-eval", f"wrote {path}")
     tables = {subject.name: {family: evaluate(subject, family) for family in FAMILIES} for subject in subjects}
     if as_json:
-        print_json({name: {family: row._asdict() for family, row in table.items()} for name, table in tables.items()})
-    else:
-        for name, table in tables.items():
-            _print_rows(name, table)
+        document = {name: {family: row._asdict() for family, row in table.items()} for name, table in tables.items()}
+        for name, rows in arm_tables.items():
+            document[name] |= {way: row._asdict() for way, row in rows.items()}
+        print_json(document)
+        return
+    for name, table in tables.items():
+        _print_rows(name, table)
+        if pybullet:
+            _print_arm_rows(name, arm_tables[name])
 
 
-def _print_rows(name: str, rows: dict[str, Any]) -> None:
+def _on_arm(subjects: Sequence[Subject]) -> dict[str, dict[str, ArmRow]]:
+    from train.arm_evaluation import COMMANDS, evaluate_on_arm
+    from train.evaluate import commands_of
+
+    position = commands_of("spline_acceleration", COMMANDS)
+    return {subject.name: evaluate_on_arm(subject, position) for subject in subjects}
+
+
+def _print_rows(name: str, rows: Mapping[str, Row]) -> None:
+    lines = []
+    for family, row in rows.items():
+        figures = (row.rmse_mean, row.rmse_median, row.rmse_worst, row.still_mean, row.reach_mean, row.reach_worst)
+        lines.append([family, *(f"{figure * MM:.1f}" for figure in figures)])
+    columns = ["commands", "RMSE mean", "median", "worst", "still pan", "reach mean", "worst"]
+    _print_columns(f"{name} (mm)", columns, lines)
+
+
+def _print_arm_rows(name: str, rows: Mapping[str, ArmRow]) -> None:
+    lines = []
+    for way, row in rows.items():
+        figures = (row.rmse_mean, row.rmse_median, row.rmse_worst, row.pan_worst)
+        lines.append([way, *(f"{figure * MM:.2f}" for figure in figures), str(row.lost), str(row.held_back)])
+    columns = ["spline_acceleration", "RMSE mean", "median", "worst", "pan worst", "lost", "at limits"]
+    _print_columns(f"{name} on the simulated arm (mm, runs)", columns, lines)
+
+
+def _print_columns(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=f"{name} (mm)", title_justify="left", box=box.SIMPLE)
-    table.add_column("commands", no_wrap=True)
-    for title in ("RMSE mean", "median", "worst", "still pan", "reach mean", "worst"):
-        table.add_column(title, justify="right")
-    for family, row in rows.items():
-        figures = (row.rmse_mean, row.rmse_median, row.rmse_worst, row.still_mean, row.reach_mean, row.reach_worst)
-        table.add_row(family, *(f"{figure * MM:.1f}" for figure in figures))
+    table = Table(title=title, title_justify="left", box=box.SIMPLE)
+    table.add_column(columns[0], no_wrap=True)
+    for column in columns[1:]:
+        table.add_column(column, justify="right")
+    for row in rows:
+        table.add_row(*row)
     Console(markup=False, highlight=False).print(table)

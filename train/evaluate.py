@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -12,7 +12,8 @@ import torch
 from runtime import Friction, Planner
 from train.closed_loop import decode
 from train.commands import FAMILIES, FloatArray, free_commands
-from train.trainer import load_checkpoint, load_model, make_batch
+from train.model import Seq2Seq
+from train.trainer import Batch, load_checkpoint, load_model, make_batch
 
 SEED = 11
 COMMANDS = 64
@@ -30,11 +31,27 @@ class Motions(NamedTuple):
     object_position: FloatArray
 
 
+class Follower(Protocol):
+    """Decodes one command from measured states, a chunk at a time; see `runtime.planner.Stream`."""
+
+    def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
+        """Give the accelerations (C, 2) (m/s^2) of the next chunk from the last C states, each (C, 4)."""
+
+
 class Subject(NamedTuple):
-    """A network under evaluation: its name and a function that decodes (B, K, 2) commands under a friction."""
+    """A network under evaluation.
+
+    Attributes:
+        name: what it is called.
+        decode: decodes (B, K, 2) commands under a friction.
+        follow: begins to follow a (K, 2) command from measured states.
+        chunk: samples it decodes at a time, C.
+    """
 
     name: str
     decode: Callable[[FloatArray, Friction], Motions]
+    follow: Callable[[FloatArray], Follower]
+    chunk: int
 
 
 class Row(NamedTuple):
@@ -66,21 +83,53 @@ def load_subject(source: Path) -> Subject:
                 np.stack([plan.object_position for plan in plans]),
             )
 
-        return Subject(source.name, decode_bundle)
+        return Subject(source.name, decode_bundle, planner.stream, planner.bundle.manifest.chunk)
 
     config, model = load_model(load_checkpoint(source))
 
     def decode_network(position: FloatArray, friction: Friction) -> Motions:
         batch, samples = position.shape[:2]
-        held = np.concatenate([position, position[:, -1:].repeat(-samples % config.chunk, axis=1)], axis=1)
-        ones = np.ones(batch)
-        inputs = make_batch(held, np.full(batch, samples), None, friction.static * ones, friction.kinetic * ones)
+        inputs = _held(position, config.chunk, friction)
         with torch.no_grad():
             motion = decode(model, inputs.command, inputs.static_limit, inputs.kinetic_limit)
         states = np.concatenate([np.zeros((batch, 1, 8)), motion.states.numpy()], axis=1)[:, :samples]
         return Motions(motion.u.numpy()[:, :samples], states[..., 0:2], states[..., 4:6])
 
-    return Subject(source.name if source.is_dir() else source.parent.name, decode_network)
+    name = source.name if source.is_dir() else source.parent.name
+    return Subject(name, decode_network, lambda position: NetworkStream(model, position), config.chunk)
+
+
+def _held(position: FloatArray, chunk: int, friction: Friction) -> Batch:
+    """Hold (B, K, 2) commands at their last position to the next whole chunk."""
+    batch, samples = position.shape[:2]
+    held = np.concatenate([position, position[:, -1:].repeat(-samples % chunk, axis=1)], axis=1)
+    ones = np.ones(batch)
+    return make_batch(held, np.full(batch, samples), None, friction.static * ones, friction.kinetic * ones)
+
+
+class NetworkStream:
+    """`runtime.planner.Stream` for a network that is not exported.
+
+    Args:
+        model: the network.
+        position: (K, 2) where the object should be, from the origin (m).
+    """
+
+    def __init__(self, model: Seq2Seq, position: FloatArray) -> None:
+        command = _held(position[None], model.chunk, NOMINAL).command
+        chunks = command.reshape(1, -1, 4 * model.chunk).float()
+        with torch.no_grad():
+            self._state, self._decoder = model.encode(chunks), model.decoder(chunks)
+        self._iteration = 0
+
+    def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
+        """Give the next chunk's accelerations; see `Follower`."""
+        seen = torch.from_numpy(np.concatenate([pan_state, object_state], axis=1))[None]
+        with torch.no_grad():
+            output, self._state = self._decoder.step(self._iteration, seen, self._state)
+        self._iteration += 1
+        u: FloatArray = output.acceleration[0].double().numpy()
+        return u
 
 
 def commands_of(family: str, count: int = COMMANDS, seed: int = SEED) -> FloatArray:

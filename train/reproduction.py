@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 
 from runtime import Friction
 from runtime.errors import MissingExtraError, OutputError
+from train import arm_evaluation as arm
+from train.arm_evaluation import ArmRow
 from train.commands import FloatArray
 from train.evaluate import Motions, Subject, commands_of, evaluate, tracking_rmse
+
+ArmRows = Mapping[str, Mapping[str, ArmRow]]
+"""By a model's name, then by the way it was executed."""
 
 STATIC = (0.4, 0.6, 0.8, 1.0, 1.2, 1.4)
 KINETIC = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
@@ -20,6 +25,9 @@ TRAJECTORIES_PER_CELL = 10
 
 FAMILY = "spline_acceleration"
 """The paper's own kind of command: B-spline accelerations (Section IV-B)."""
+
+SHOWN = 3
+"""The command of the family that the trajectories and snapshots are of."""
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 MM = 1e3
@@ -29,18 +37,19 @@ STILL_PANS = 1.5
 """Error at which the colours of the friction table end, in errors of a pan that never moves."""
 
 
-def reproduce(subjects: Sequence[Subject], folder: Path) -> list[Path]:
+def reproduce(subjects: Sequence[Subject], folder: Path, arm_rows: ArmRows | None = None) -> list[Path]:
     """Write `reproduction.md` and its pictures into `folder`.
 
     Args:
         subjects: the models to compare, in the order in which they are shown.
         folder: made if need be.
+        arm_rows: what `evaluate_on_arm` gave for each model; without it the arm in pybullet is left out.
 
     Returns:
         The files written.
 
     Raises:
-        MissingExtraError: matplotlib is not installed.
+        MissingExtraError: matplotlib, or for the arm pybullet, is not installed.
         OutputError: a file could not be written.
     """
     try:
@@ -53,10 +62,14 @@ def reproduce(subjects: Sequence[Subject], folder: Path) -> list[Path]:
             "reproduction-trajectories.png": _trajectories(Figure, subjects),
             "reproduction-friction.png": _friction(Figure, subjects),
         }
+        arm_section = ""
+        if arm_rows:
+            arm_figures, arm_section = _arm(Figure, subjects, arm_rows)
+            figures |= arm_figures
         for name, figure in figures.items():
             figure.savefig(folder / name, dpi=110)
         text = folder / "reproduction.md"
-        text.write_text(_document(subjects), encoding="utf-8")
+        text.write_text(_document(subjects) + arm_section, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror}") from error
     return [text, *(folder / name for name in figures)]
@@ -64,8 +77,17 @@ def reproduce(subjects: Sequence[Subject], folder: Path) -> list[Path]:
 
 def _trajectories(figure_class: Any, subjects: Sequence[Subject]) -> Any:
     """Fig. 8: object and pan positions of every model for one command of K = 1200."""
-    position = commands_of(FAMILY)[3:4]
-    time = np.arange(position.shape[1]) * 1e-3
+    position = commands_of(FAMILY)[SHOWN : SHOWN + 1]
+    drawn = []
+    for subject in subjects:
+        motions = subject.decode(position, Friction())
+        drawn.append((subject.name, motions.object_position[0], motions.pan_position[0]))
+    return _draw_models(figure_class, position[0], drawn)
+
+
+def _draw_models(figure_class: Any, position: FloatArray, drawn: Sequence[tuple[str, FloatArray, FloatArray]]) -> Any:
+    """Draw a (K, 2) command with the name, object positions and pan positions of each model, (K, 2) (m)."""
+    time = np.arange(len(position)) * 1e-3
     figure = figure_class(figsize=(10, 7), layout="constrained")
     axes = figure.subplots(2, 3, width_ratios=(1.1, 1.1, 1))
     for row, what in enumerate(("Object, relative to the pan", "Pan")):
@@ -73,11 +95,10 @@ def _trajectories(figure_class: Any, subjects: Sequence[Subject]) -> Any:
             axes[row, column].set(xlabel="time (s)", ylabel=f"{coordinate} (mm)", title=f"{what}: {coordinate}")
         axes[row, 2].set(xlabel="x (mm)", ylabel="y (mm)", title=f"{what.split(',')[0]}, from above", aspect="equal")
         axes[row, 2].set_adjustable("datalim")
-    _draw(axes[0], time, position[0], color="black", linestyle="--", label="command")
-    for subject, colour in zip(subjects, COLOURS, strict=False):
-        motions = subject.decode(position, Friction())
-        _draw(axes[0], time, motions.object_position[0], color=colour, label=subject.name)
-        _draw(axes[1], time, motions.pan_position[0], color=colour, label=subject.name)
+    _draw(axes[0], time, position, color="black", linestyle="--", label="command")
+    for (name, object_position, pan_position), colour in zip(drawn, COLOURS, strict=False):
+        _draw(axes[0], time, object_position, color=colour, label=name)
+        _draw(axes[1], time, pan_position, color=colour, label=name)
     angle = np.linspace(0, 2 * np.pi, 200)
     axes[1, 2].plot(200 * np.cos(angle), 200 * np.sin(angle), color="gray", linewidth=0.8, label="0.2 m")
     axes[0, 0].legend(loc="best", fontsize=8)
@@ -122,6 +143,41 @@ def _friction_table(subject: Subject, position: FloatArray) -> FloatArray:
                 motions = subject.decode(position, Friction(static, kinetic))
                 table[row, column] = 1e3 * tracking_rmse(motions, position).mean()
     return table
+
+
+def _arm(figure_class: Any, subjects: Sequence[Subject], arm_rows: ArmRows) -> tuple[dict[str, Any], str]:
+    """Figs. 9 and 10, and a table: what the arm in pybullet makes of the models."""
+    executed = [arm.execute_for_figures(subject, commands_of(FAMILY)[SHOWN]) for subject in subjects]
+    drawn = [(each.name, each.object_position, each.pan_position) for each in executed]
+    figures = {
+        "reproduction-arm-trajectories.png": _draw_models(figure_class, commands_of(FAMILY)[SHOWN], drawn),
+        "reproduction-arm-snapshots.png": arm.draw_snapshots(figure_class, executed),
+    }
+    return (
+        figures,
+        f"""
+## Fig. 9: reproduced trajectories on the arm in pybullet
+
+Written by `slide-eval RUN ... --reproduce docs --pybullet`. The friction in pybullet is 0.5, static and kinetic, and
+the models are not told; they plan for 1.0/0.5. The trajectories are executed open loop, as in the paper; an object's
+line ends where it falls off the pan or topples.
+
+![Object and pan positions of each model on the arm](reproduction-arm-trajectories.png)
+
+## Fig. 10: snapshots
+
+The blue line on the pan is the command, the green dot where the object should be.
+
+![Snapshots of each model on the arm](reproduction-arm-snapshots.png)
+
+## The arm over {arm.COMMANDS} commands
+
+Root of the mean squared distance between object and command, over {arm.COMMANDS} commands. In closed loop the network
+sees the measured states every 100 ms; paper control is the controller of Fig. 7 without feed-forward and gravity terms.
+
+{arm.arm_table(arm_rows)}
+""",
+    )
 
 
 def _document(subjects: Sequence[Subject]) -> str:

@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "server": {"server", "runtime"},
 }
 RUNTIME_THIRD_PARTY = {"numpy", "onnxruntime"}
-MORE_IN = {"runtime/cli.py": {"typer", "rich"}, "runtime/arm": {"pybullet", "pybullet_utils"}}
+MORE_IN = {"runtime/cli.py": {"typer", "rich"}, "runtime/arm": {"pybullet", "imageio_ffmpeg"}}
 """What single modules or folders of runtime may import besides."""
 
 
@@ -64,7 +64,8 @@ def test_planning_works_without_the_packages_of_the_extras(bundle_path: Path, tm
         import importlib.abc, sys
 
         class Blocker(importlib.abc.MetaPathFinder):
-            blocked = {{"torch", "onnx", "scipy", "numba", "matplotlib", "pydantic", "pybullet", "typer", "rich"}}
+            blocked = {{"torch", "onnx", "scipy", "numba", "matplotlib", "pydantic", "pybullet", "imageio_ffmpeg"}}
+            blocked |= {{"typer", "rich"}}
 
             def find_spec(self, name, path=None, target=None):
                 if name.partition(".")[0] in self.blocked:
@@ -81,3 +82,18 @@ def test_planning_works_without_the_packages_of_the_extras(bundle_path: Path, tm
         [sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "1200\n", "")
+
+
+def test_the_arm_is_imported_without_pybullet_until_it_is_used() -> None:
+    names = [path.stem for path in modules("runtime/arm") if path.stem != "__init__"]
+    assert {"run", "simulation", "video", "program"} <= set(names)
+    program = "; ".join(
+        [
+            "import sys",
+            *(f"import runtime.arm.{name}" for name in names),
+            "import runtime.cli",
+            "print([name for name in ('pybullet', 'imageio_ffmpeg', 'rich') if name in sys.modules])",
+        ]
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "[]\n", "")

@@ -1,0 +1,35 @@
+"""Plans that no network made: from pan accelerations given by anybody, to be executed like any other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from runtime.documents import FloatArray
+from runtime.friction import DT, Friction, integrate_pan, rollout
+from runtime.plan import Plan, assess
+
+
+def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_position: FloatArray | None = None) -> Plan:
+    """Return the plan of given pan accelerations.
+
+    Args:
+        u: (K, 2) pan accelerations (m/s^2); the pan begins at rest.
+        friction: coefficients the object's motion is predicted with.
+        name: what stands in the place of the model's name.
+        command_position: (K, 2) where the object should be (m); what is predicted if None.
+    """
+    pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u[:-1])])
+    start = np.zeros((1, 4))
+    if command_position is not None:
+        start[0, :2] = command_position[0]
+    sliding = np.concatenate([start, rollout(start[0], u[:-1], friction)])
+    motion = {
+        "command_position": sliding[:, :2] if command_position is None else command_position,
+        "pan_acceleration": u,
+        "pan_position": pan[:, :2],
+        "object_velocity": sliding[:, 2:],
+        "object_position": sliding[:, :2],
+    }
+    limits = {"pan_reach": None, "acceleration": None}
+    quality = assess(**motion, dt=DT, limits=limits, found={}, trained_on={})
+    return Plan(DT, name, "", friction, pan_velocity=pan[:, 2:], quality=quality, **motion)

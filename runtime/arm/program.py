@@ -1,0 +1,151 @@
+"""`slide-run PLAN --pybullet`: checks what was asked for, executes the plan on the simulated arm, says how it went."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
+from runtime.arm.disturbance import Disturbance
+from runtime.arm.interface import Measured
+from runtime.arm.options import ArmOptions
+from runtime.arm.results import Results, judge, measured_track
+from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, execute, open_loop
+from runtime.arm.simulation import Simulated, SimulatedArm
+from runtime.arm.video import Camera, check_ffmpeg, check_film, filming
+from runtime.documents import check_writable, reading
+from runtime.errors import InputError
+from runtime.friction import DT
+from runtime.plan import Plan
+from runtime.planner import Planner
+from runtime.report import write_report
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gave.
+
+    Attributes:
+        plan: what was executed.
+        results: its figures; None if it was interrupted before the first sample.
+        notes: one line for each thing that was missed.
+        remarks: one line for each thing worth knowing.
+        interrupted: whether it was stopped from the keyboard.
+        document: the figures as a JSON document.
+    """
+
+    plan: Plan
+    results: Results | None
+    notes: list[str]
+    remarks: list[str]
+    interrupted: bool
+    document: dict[str, Any]
+
+
+def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None) -> Outcome:
+    """Execute a plan on the simulated arm.
+
+    Args:
+        plan_file: the plan.
+        options: what was asked for.
+        report: page to write, or None.
+
+    Raises:
+        InputError, FormatError: the plan cannot be executed, or an option is not usable.
+        MissingExtraError: pybullet, or for a film ffmpeg, is not installed.
+        OutputError: a result cannot be written.
+    """
+    _check_outputs(options, report)
+    disturbances = [Disturbance.parse(text) for text in options.disturb]
+    arm = SimulatedArm(_simulated(options))
+    plan = Plan.load(plan_file)
+    with reading(str(plan_file)):
+        check_plan(plan)
+    source, remarks = _source(plan, options)
+    hooks = [disturbance.hook(arm) for disturbance in disturbances]
+    recording = _execute(plan, arm, source, hooks, options)
+
+    friction = None if disturbances else arm.settings.friction
+    results = judge(plan, recording, friction) if len(recording) else None
+    if report is not None and len(recording):
+        shown, track = measured_track(plan, recording, f"arm, {_loop(options)}")
+        write_report(report, shown, [track])
+    document = {
+        "plan": str(plan_file),
+        "loop": _loop(options),
+        "control": "paper" if options.paper_control else "feed-forward",
+        "friction": arm.settings.friction,
+        "interrupted": recording.interrupted,
+        "results": None if results is None else results.to_dict(),
+        "video": None if options.video is None else str(options.video),
+        "report": None if report is None else str(report),
+    }
+    notes = [] if results is None else results.notes
+    return Outcome(plan, results, notes, remarks, recording.interrupted, document)
+
+
+def _check_outputs(options: ArmOptions, report: Path | None) -> None:
+    if report is not None:
+        check_writable(report)
+    if options.video is not None:
+        check_film(options.video)
+        check_writable(options.video)
+        check_ffmpeg()
+    if options.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise InputError("--gui needs a display: DISPLAY is not set")  # the simulator would end the process
+    if options.model is not None and not options.closed_loop:
+        raise InputError("--model needs --closed-loop: open loop, the plan alone moves the pan")
+
+
+def _simulated(options: ArmOptions) -> Simulated:
+    given = {
+        name: value
+        for name in ("friction", "object_mass", "noise", "seed")
+        if (value := getattr(options, name)) is not None
+    }
+    control = PAPER_CONTROL if options.paper_control else FULL_CONTROL
+    return Simulated(control=control, gui=options.gui, **given)
+
+
+def _loop(options: ArmOptions) -> str:
+    return "closed loop" if options.closed_loop else "open loop"
+
+
+def _source(plan: Plan, options: ArmOptions) -> tuple[Source, list[str]]:
+    """Return what moves the pan, and what is to be said of it."""
+    if not options.closed_loop:
+        return open_loop(plan), []
+    planner = Planner(options.model)
+    remarks = []
+    if planner.bundle.sha256 != plan.model_sha256:
+        other = f"closed loop with model {planner.bundle.manifest.name!r}, the plan was made by {plan.model_name!r}"
+        remarks.append(other)
+    stream = planner.stream(plan.command_position)
+    return closed_loop(stream, planner.bundle.manifest.chunk), remarks
+
+
+def _execute(plan: Plan, arm: SimulatedArm, source: Source, hooks: list[Hook], options: ArmOptions) -> Recording:
+    with ExitStack() as stack:
+        if options.video is not None:
+            camera = Camera(arm, plan.command_position)
+            hooks = [*hooks, stack.enter_context(filming(options.video, camera.picture))]
+        if options.gui:
+            hooks = [*hooks, _real_time()]
+        return execute(plan, arm, source, hooks)
+
+
+def _real_time() -> Hook:
+    """Wait, before each sample, until its time has come."""
+    begin: list[float] = []
+
+    def hook(k: int, measured: Measured) -> None:
+        if not begin:
+            begin.append(time.perf_counter())
+        time.sleep(max(0.0, begin[0] + k * DT - time.perf_counter()))
+
+    return hook

@@ -1,0 +1,240 @@
+"""Executes a plan on an arm: open loop, or in closed loop with a network that sees what is measured (Section V-B)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from runtime.arm.geometry import OBJECT_RADIUS, PAN_RADIUS
+from runtime.arm.interface import Arm, Measured, ObjectStatus, PanCommand
+from runtime.documents import FloatArray
+from runtime.errors import InputError
+from runtime.friction import DT, Friction, integrate_pan, rollout
+from runtime.plan import Plan
+
+MAX_DURATION = 60.0
+"""Longest plan executed (s)."""
+
+MAX_ACCELERATION = 1e4
+"""Largest pan acceleration of a plan (m/s^2): a thousand times what an arm can do, so it is another unit or broken."""
+
+PAN_MISMATCH = 1e-6
+"""Largest difference between a plan's pan position and what its accelerations lead to (m): rounding is far below."""
+
+BRAKES = (1.5, 2.5, 4.0, 6.0, 9.0, 13.0, 18.0)
+"""Peak decelerations tried for the tail (m/s^2)."""
+
+TAIL_REACH = 0.3
+"""Distance from where the pan began within which the tail should stop it (m); the arm reaches half a metre."""
+
+SAFE_RADIUS = PAN_RADIUS - OBJECT_RADIUS - 0.01
+"""Distance from the pan's centre within which the object touches no rim, and a centimetre less (m)."""
+
+MAX_TAIL = 2.0
+"""Longest deceleration (s); a pan that leaves a plan faster than 2 m/s is not saved by a gentle one."""
+
+REST = 0.3
+"""Time the pan is held still after the tail (s), in which an object that still slides comes to rest."""
+
+
+class Follower(Protocol):
+    """What `Planner.stream` gives: decodes a command chunk by chunk from measured states; see `runtime.Stream`."""
+
+    def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
+        """Give the accelerations (C, 2) (m/s^2) of the next chunk from the last C states, each (C, 4)."""
+
+
+Source = Callable[[int, Sequence[Measured]], FloatArray]
+"""Gives the pan acceleration (2,) (m/s^2) from t_k to t_(k+1), given k and what was measured at t_0..t_k."""
+
+Hook = Callable[[int, Measured], None]
+"""Called before each sample with k and what was measured at t_k: a disturbance, a camera, a clock."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was measured and commanded at t_0, t_1, ..., the tail included; n rows each.
+
+    Attributes:
+        measured: one for each sample.
+        pan_command: (n, 4) commanded position relative to where the pan began (m) and velocity (m/s).
+        pan_acceleration: (n, 2) commanded (m/s^2); row k acts from t_k to t_(k+1).
+        duration: time the arm and the network took (s); cameras and other hooks do not count.
+        interrupted: whether the run was stopped before its end.
+    """
+
+    measured: tuple[Measured, ...]
+    pan_command: FloatArray
+    pan_acceleration: FloatArray
+    duration: float
+    interrupted: bool
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.measured)
+
+    @property
+    def pan(self) -> FloatArray:
+        """(n, 4) measured position relative to where the pan began (m) and velocity (m/s)."""
+        return np.array([each.pan for each in self.measured])
+
+    @property
+    def sliding(self) -> FloatArray:
+        """(n, 4) measured position (m) and velocity (m/s) of the object in the pan's frame."""
+        return np.array([each.sliding for each in self.measured])
+
+
+def check_plan(plan: Plan) -> None:
+    """Check that a plan can be executed.
+
+    Raises:
+        InputError: it has another dt, is longer than 60 s, has an absurd acceleration, or its pan does not begin at
+            rest at the origin and move as its accelerations say.
+    """
+    if plan.dt != DT:
+        raise InputError(f"dt is {plan.dt:g} s, the arm is controlled every {DT:g} s")
+    duration = len(plan) * plan.dt
+    if duration > MAX_DURATION:
+        raise InputError(f"the plan lasts {duration:g} s, at most {MAX_DURATION:g} s are executed")
+    largest = float(np.abs(plan.pan_acceleration).max())
+    if largest > MAX_ACCELERATION:
+        raise InputError(
+            f"pan.acceleration has {largest:.3g} m/s^2, at most {MAX_ACCELERATION:g} m/s^2 are tried (is it in m/s^2?)"
+        )
+    led_to = integrate_pan(np.zeros(4), plan.pan_acceleration)[:-1, :2]
+    mismatch = np.abs(plan.pan_position - np.concatenate([np.zeros((1, 2)), led_to])).max()
+    if mismatch > PAN_MISMATCH:
+        raise InputError(
+            f"pan.position differs by {mismatch:.3g} m from what pan.acceleration leads to from rest at the origin, "
+            f"at most {PAN_MISMATCH:g} m is rounding"
+        )
+
+
+def open_loop(plan: Plan) -> Source:
+    """Give the plan's own accelerations."""
+    return lambda k, measured: plan.pan_acceleration[k]
+
+
+def closed_loop(follower: Follower, chunk: int) -> Source:
+    """Let a network decode again, every C samples, from the last C measured states.
+
+    An object that has left the pan is shown to the network where it was last seen on it.
+
+    Args:
+        follower: what decodes.
+        chunk: samples it decodes at a time, C.
+    """
+    u = np.zeros((chunk, 2))
+
+    def source(k: int, measured: Sequence[Measured]) -> FloatArray:
+        nonlocal u
+        if k % chunk == 0:
+            seen = list(measured[1:][-chunk:]) or [measured[0]] * chunk
+            pan, sliding = np.array([each.pan for each in seen]), np.array([each.sliding for each in seen])
+            if seen[-1].status is ObjectStatus.OFF_PAN:
+                last = next((each for each in reversed(measured) if each.status is not ObjectStatus.OFF_PAN), seen[0])
+                sliding[:] = last.sliding
+            u = follower.step(pan, sliding)
+        now: FloatArray = u[k % chunk]
+        return now
+
+    return source
+
+
+def brake(pan: FloatArray, sliding: FloatArray, friction: Friction) -> FloatArray:
+    """Plan the tail that brings the pan to rest without throwing the object.
+
+    The velocity falls along a cubic, straight ahead. Of several peak decelerations that one is taken which by the law
+    of friction keeps the object off the rim, then stops the pan within 0.3 m of where it began, then moves the object
+    least. Static friction is not counted on.
+
+    Args:
+        pan: (4,) commanded position relative to where the pan began (m) and velocity (m/s) at the end of the plan.
+        sliding: (4,) object position (m) and velocity (m/s) relative to the pan, then.
+        friction: coefficients.
+
+    Returns:
+        (n, 2) pan accelerations (m/s^2), those of the rest after it included.
+    """
+    least = Friction(friction.kinetic, friction.kinetic)
+
+    def cost(tail: FloatArray) -> tuple[float, float, float]:
+        object_position = rollout(sliding, tail, least)[:, :2]
+        object_reach = float(np.hypot(*object_position.T).max())
+        pan_reach = float(np.hypot(*integrate_pan(pan, tail)[-1, :2]))
+        moved = float(np.hypot(*(object_position - sliding[:2]).T).max())
+        return max(0.0, object_reach - SAFE_RADIUS), max(0.0, pan_reach - TAIL_REACH), moved
+
+    return min((_decelerate(pan[2:], peak) for peak in BRAKES), key=cost)
+
+
+def _decelerate(velocity: FloatArray, peak: float) -> FloatArray:
+    speed = float(np.hypot(*velocity))
+    samples = max(1, round(min(1.5 * speed / peak, MAX_TAIL) / DT))
+    x = np.arange(samples + 1) / samples
+    left = 1.0 - x * x * (3.0 - 2.0 * x)
+    return np.concatenate([np.diff(left)[:, None] * velocity / DT, np.zeros((round(REST / DT), 2))])
+
+
+def execute(plan: Plan, arm: Arm, source: Source, hooks: Sequence[Hook] = ()) -> Recording:
+    """Execute a plan's command and bring the pan to rest; the arm is closed in the end, whatever happens.
+
+    Each sample: the source gives the pan acceleration, the double integrator of Eq. 3 what it makes of the commanded
+    pan, and the arm is told both. After the plan's last sample the tail takes the source's place. An interrupt from
+    the keyboard ends the run, and what was recorded is returned.
+
+    Args:
+        plan: gives the command, the object's start and the friction assumed.
+        arm: executes.
+        source: gives the pan's accelerations.
+        hooks: called before each sample.
+    """
+    log = _Log()
+    try:
+        measured, pan = arm.reset(plan.object_position[0]), np.zeros(4)
+        for k in range(len(plan)):
+            measured, pan = log.step(arm, measured, pan, lambda k: source(k, log.measured), hooks)
+        tail = brake(pan, measured.sliding, plan.friction)
+        for _ in tail:
+            measured, pan = log.step(arm, measured, pan, lambda k: tail[k - len(plan)], hooks)
+    except KeyboardInterrupt:
+        return log.recording(interrupted=True)
+    finally:
+        arm.close()
+    return log.recording(interrupted=False)
+
+
+class _Log:
+    """Steps the arm and keeps what was measured and commanded."""
+
+    def __init__(self) -> None:
+        self.measured: list[Measured] = []
+        self._pan: list[FloatArray] = []
+        self._u: list[FloatArray] = []
+        self._duration = 0.0
+
+    def step(
+        self, arm: Arm, measured: Measured, pan: FloatArray, source: Callable[[int], FloatArray], hooks: Sequence[Hook]
+    ) -> tuple[Measured, FloatArray]:
+        """Execute sample k from what was measured and commanded at t_k; gives both at t_(k+1)."""
+        k = len(self._u)
+        self.measured.append(measured)
+        for hook in hooks:
+            hook(k, measured)
+        begin = time.perf_counter()
+        u = source(k)
+        after = arm.step(PanCommand(pan[:2], pan[2:], u))
+        self._duration += time.perf_counter() - begin
+        self._pan.append(pan)
+        self._u.append(u)
+        return after, integrate_pan(pan, u[None])[0]
+
+    def recording(self, interrupted: bool) -> Recording:
+        """Return what was recorded; of a sample cut short nothing is kept."""
+        samples = len(self._u)
+        pan, u = np.array(self._pan[:samples]).reshape(-1, 4), np.array(self._u).reshape(-1, 2)
+        return Recording(tuple(self.measured[:samples]), pan, u, self._duration, interrupted)

@@ -1,0 +1,46 @@
+"""Plans for the arm, and `slide-run` as a person types it, in this process."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime import Friction, Plan
+from runtime.arm.motion import plan_of_motion
+from runtime.cli import run_main
+
+SlideRun = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def slide_run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> SlideRun:
+    """Run `slide-run`; gives its exit code, standard output and standard error."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["slide-run", *map(str, arguments)])
+        monkeypatch.setenv("COLUMNS", "80")
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            run_main()
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0, *capfd.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def shake_file(tmp_path: Path) -> Path:
+    """A plan of 300 samples in which the pan is shaken so that the object slips to and fro."""
+    return save_shake(tmp_path / "shake.json", 8.0)
+
+
+def save_shake(path: Path, peak: float, samples: int = 300) -> Path:
+    t = np.arange(samples) * 1e-3
+    u = peak * np.sin(2.0 * np.pi * t / 0.15)[:, None] * (1.0, 0.5)
+    plan: Plan = plan_of_motion(u, Friction(0.5, 0.5), "shake")
+    plan.save(path)
+    return path

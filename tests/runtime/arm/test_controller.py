@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from runtime.arm.controller import (
+    DAMPING,
+    FULL_CONTROL,
+    PAPER_CONTROL,
+    ArmState,
+    JointLimits,
+    Memory,
+    TaskCommand,
+    control,
+    rotation_vector,
+)
+from runtime.documents import FloatArray
+from runtime.friction import DT
+
+WIDE = JointLimits(np.full(6, 1e6), np.full(6, 1e6))
+STILL = TaskCommand(np.zeros(3), np.eye(3), np.zeros(6), np.zeros(6))
+
+
+def at_rest(**changes: FloatArray) -> ArmState:
+    """An arm of unit inertia whose joints are the pan's coordinates."""
+    state = ArmState(np.zeros(6), np.zeros(3), np.eye(3), np.eye(6), np.eye(6), np.zeros(6))
+    return state._replace(**changes)
+
+
+def turned(axis: FloatArray, angle: float) -> FloatArray:
+    """The rotation by `angle` (rad) about a unit axis, by Rodrigues' formula."""
+    x, y, z = axis
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: FloatArray = np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k
+    return rotation
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 3.1))
+def test_rotation_vector_undoes_the_rotation(direction: tuple[float, float, float], angle: float) -> None:
+    length = math.hypot(*direction)
+    axis = np.array(direction) / length if length > 0.1 else np.array([0.0, 0.0, 1.0])
+    assert rotation_vector(turned(axis, angle)) == pytest.approx(axis * angle, abs=1e-9)
+
+
+def test_an_arm_where_it_should_be_gets_the_torque_of_gravity_alone() -> None:
+    gravity = np.arange(6.0)
+    tick = control(STILL, at_rest(bias=gravity), None, FULL_CONTROL, WIDE)
+    assert tick.torque == pytest.approx(gravity)
+    assert tick.limits == ()
+    assert control(STILL, at_rest(bias=gravity), None, PAPER_CONTROL, WIDE).torque == pytest.approx(np.zeros(6))
+
+
+def test_gains_are_those_of_section_v_a() -> None:
+    off = STILL._replace(position=np.array([0.01, 0.0, 0.0]), rotation=turned(np.array([0.0, 0.0, 1.0]), 0.02))
+    off = off._replace(velocity=np.array([0.0, 0.1, 0.0, 0.0, 0.1, 0.0]))
+    torque = control(off, at_rest(), None, PAPER_CONTROL, WIDE).torque
+    assert torque == pytest.approx([800 * 0.01, 100 * 0.1, 0.0, 0.0, 150 * 0.1, 1000 * 0.02])
+
+
+def test_feed_forward_adds_the_commanded_acceleration() -> None:
+    u = np.array([3.0, -4.0, 0.0, 0.0, 0.0, 0.0])
+    command = STILL._replace(acceleration=u)
+    assert control(command, at_rest(), None, FULL_CONTROL, WIDE).torque == pytest.approx(u)
+    assert control(command, at_rest(), None, PAPER_CONTROL, WIDE).torque == pytest.approx(np.zeros(6))
+
+
+@pytest.mark.parametrize("settings", [FULL_CONTROL, PAPER_CONTROL])
+def test_the_observer_finds_a_constant_disturbance(settings: object) -> None:
+    assert settings in (FULL_CONTROL, PAPER_CONTROL)
+    control_settings = FULL_CONTROL if settings is FULL_CONTROL else PAPER_CONTROL
+    load = np.array([5.0, -2.0, 1.0, 0.0, 0.5, 0.0])
+    state, memory = at_rest(), None
+    for _ in range(200):
+        tick = control(STILL, state, memory, control_settings, WIDE)
+        memory = tick.memory
+        speed = state.theta_velocity + (tick.torque - load) * DT
+        state = state._replace(theta_velocity=speed)
+    assert isinstance(memory, Memory)
+    assert memory.disturbance == pytest.approx(load, abs=1e-3)
+
+
+def test_torques_stay_within_their_limits_and_it_is_said() -> None:
+    far = STILL._replace(position=np.array([0.0, 0.05, 0.0]))
+    limits = JointLimits(np.full(6, 10.0), np.full(6, 1e6))
+    tick = control(far, at_rest(), None, FULL_CONTROL, limits)
+    assert tick.torque.tolist() == [0.0, 10.0, 0.0, 0.0, 0.0, 0.0]
+    assert tick.limits == ("torque of joint 2",)
+
+
+def test_a_joint_at_its_speed_limit_is_not_driven_further() -> None:
+    push = STILL._replace(velocity=np.full(6, 5.0))
+    fast = at_rest(theta_velocity=np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
+    tick = control(push, fast, None, FULL_CONTROL, JointLimits(np.full(6, 1e6), np.full(6, 4.0)))
+    assert tick.torque[2] == 0.0
+    assert "speed of joint 3" in tick.limits
+
+
+def test_a_singular_arm_is_damped_and_it_is_said() -> None:
+    jacobian = np.diag([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])
+    up = STILL._replace(position=np.array([0.0, 0.0, 1e9]))
+    tick = control(up, at_rest(jacobian=jacobian), None, FULL_CONTROL, WIDE)
+    assert np.abs(tick.torque).max() <= 150.0 / (2.0 * DAMPING)
+    assert tick.limits == ("reach",)

@@ -1,0 +1,151 @@
+"""`slide-run PLAN --pybullet` as a person types it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
+
+from runtime import Friction, Plan, Planner
+from runtime.arm import program
+from runtime.arm.motion import plan_of_motion
+from runtime.arm.run import Recording
+from runtime.documents import FloatArray
+
+from .conftest import SlideRun, save_shake
+
+
+def test_three_short_plans_run_and_are_told_in_a_table(slide_run: SlideRun, tmp_path: Path) -> None:
+    for peak in (6.0, 8.0, 10.0):
+        code, out, err = slide_run(save_shake(tmp_path / "plan.json", peak), "--pybullet")
+        assert (code, err) == (0, "")
+        for words in ("pan tracking", "object to command", "law of friction", "torques", "real-time factor", "yes"):
+            assert words in out
+        assert max(map(len, out.splitlines())) <= 80
+
+
+def test_json_is_one_object_with_every_figure(slide_run: SlideRun, shake_file: Path) -> None:
+    code, out, err = slide_run(shake_file, "--pybullet", "--json")
+    assert (code, err) == (0, "")
+    document = json.loads(out)
+    assert (document["loop"], document["control"], document["friction"]) == ("open loop", "feed-forward", 0.5)
+    results = document["results"]
+    assert results["samples"] == 300
+    assert results["pan_rms"] < 1e-4
+    assert results["law_rms"] < 1.5e-3
+    assert (results["lost"], results["limits"]) == (None, {})
+    code, out, _ = slide_run(shake_file, "--pybullet", "--json", "--paper-control")
+    assert code == 0
+    paper = json.loads(out)
+    assert paper["control"] == "paper"
+    assert paper["results"]["pan_rms"] > 10 * results["pan_rms"]
+
+
+def test_closed_loop_decodes_with_what_is_measured(
+    slide_run: SlideRun, planner: Planner, bundle_path: Path, make_curve: Callable[..., FloatArray], tmp_path: Path
+) -> None:
+    plan, path = planner.plan(make_curve(250)), tmp_path / "plan.json"
+    plan.save(path)
+    code, out, err = slide_run(path, "--pybullet", "--closed-loop", "--model", bundle_path, "--json")
+    assert code in (0, 1), err
+    assert json.loads(out)["loop"] == "closed loop"
+    assert "was made by" not in err
+
+
+def test_closed_loop_with_another_model_is_noted(slide_run: SlideRun, shake_file: Path, bundle_path: Path) -> None:
+    _, _, err = slide_run(shake_file, "--pybullet", "--closed-loop", "--model", bundle_path)
+    assert err.startswith("slide-run: note: closed loop with model 'tiny', the plan was made by 'shake'\n")
+
+
+def test_report_and_film_are_written(slide_run: SlideRun, shake_file: Path, tmp_path: Path) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    film, report = tmp_path / "film.mp4", tmp_path / "report.html"
+    code, out, err = slide_run(shake_file, "--pybullet", "--video", film, "--report", report)
+    assert (code, err) == (0, "")
+    assert "film.mp4" in out
+    assert "arm, open loop" in report.read_text(encoding="utf-8")
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(film))
+    assert 25 * seconds == pytest.approx(frames, abs=1)
+    assert frames > 60, "the plan and the tail, a picture every 10 ms"
+
+
+def test_friction_and_mass_are_the_simulators(slide_run: SlideRun, shake_file: Path) -> None:
+    moved = {}
+    for friction in ("0.2", "2.0"):
+        options = ["--friction", friction, "--object-mass", "0.2", "--noise", "0.0001", "--seed", "3", "--json"]
+        code, out, _ = slide_run(shake_file, "--pybullet", *options)
+        assert code == 0
+        moved[friction] = json.loads(out)["results"]["object_rms"]
+    assert moved["0.2"] != moved["2.0"]
+
+
+def test_an_object_that_topples_is_said_with_its_time(slide_run: SlideRun, tmp_path: Path) -> None:
+    shake = save_shake(tmp_path / "plan.json", 25.0)
+    code, out, err = slide_run(shake, "--pybullet", "--friction", "3", "--disturb", "push@0.05=5,0")
+    assert (code, err.count("\n")) == (1, 1)
+    assert re.match(r"slide-run: the object was (toppled|off the pan) at 0\.[0-9]{3} s", err)
+    assert "no, " in out
+    assert "not known" in out, "the law does not know of the push"
+
+
+def test_a_plan_beyond_reach_runs_within_limits_and_says_so(slide_run: SlideRun, tmp_path: Path) -> None:
+    path = tmp_path / "away.json"
+    plan_of_motion(np.tile([6.0, 0.0], (600, 1)), Friction(1.0, 0.5), "away").save(path)
+    code, out, err = slide_run(path, "--pybullet", "--json")
+    assert (code, err.count("\n")) == (1, 1)
+    assert "the arm was held back for " in err
+    assert "reach" in err
+    assert max(json.loads(out)["results"]["torque_peaks"]) <= 200.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"dt": 0.002}, "dt is 0.002 s"),
+        ({"samples": 60_001}, "the plan lasts 60.001 s, at most 60 s are executed"),
+        ({"nan": True}, "NaN is not a finite number"),
+    ],
+)
+def test_plans_that_cannot_be_executed_exit_2(
+    slide_run: SlideRun, shake_file: Path, changes: dict[str, object], message: str
+) -> None:
+    if "samples" in changes:
+        plan_of_motion(np.zeros((60_001, 2)), Friction(), "long").save(shake_file)
+    else:
+        document = json.loads(shake_file.read_text())
+        if "dt" in changes:
+            document["dt"] = changes["dt"]
+        else:
+            document["pan"]["position"][3][1] = float("nan")
+        shake_file.write_text(json.dumps(document))
+    code, out, err = slide_run(shake_file, "--pybullet")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+def test_an_interrupt_keeps_film_and_report(
+    slide_run: SlideRun, shake_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    execute = program.execute
+
+    def interrupted(plan: Plan, arm: object, source: object, hooks: list[object]) -> Recording:
+        def interrupt(k: int, measured: object) -> None:
+            if k == 150:
+                raise KeyboardInterrupt
+
+        return execute(plan, arm, source, [*hooks, interrupt])  # type: ignore[arg-type, list-item]
+
+    monkeypatch.setattr(program, "execute", interrupted)
+    film, report = tmp_path / "film.mp4", tmp_path / "report.html"
+    code, out, err = slide_run(shake_file, "--pybullet", "--video", film, "--report", report, "--json")
+    assert (code, err) == (130, "slide-run: interrupted; what was recorded until then is kept\n")
+    assert json.loads(out)["results"]["samples"] == 150
+    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 16
+    assert report.exists()
