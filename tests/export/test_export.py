@@ -31,7 +31,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     trainer = Trainer(load_config("smoke"), folder)
     with torch.no_grad():
-        trainer.model.output.weight[:200] *= 20
+        trainer.evaluated_model().output.weight[:200] *= 20
     trainer.save()
     return folder
 

@@ -25,7 +25,7 @@ def folder(tmp_path_factory):
     done = call("slide-train", "smoke", "--device", "cpu", folder=folder)
     assert done.returncode == 0, done.stderr
     assert "slide-export runs/smoke" in done.stdout
-    assert "epoch 5, stage 5" in done.stderr
+    assert "epoch 10, stage 5" in done.stderr
     return folder
 
 
@@ -40,7 +40,7 @@ def test_second_run_does_not_overwrite_the_first(folder):
 def test_finished_run_resumes_to_the_same_answer(folder):
     done = call("slide-train", "smoke", "--resume", "runs/smoke", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["epochs"] == 5
+    assert json.loads(done.stdout)["epochs"] == 10
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from train.trainer import CHECKPOINT, SKIP_LIMIT, Trainer, TrainingError, learni
 
 @pytest.fixture(scope="module")
 def smoke_run(tmp_path_factory):
-    """A finished run of the smoke configuration, and the folder it stood in after two of its five epochs."""
+    """A finished run of the smoke configuration, and the folder it stood in after two of its ten epochs."""
     folder = tmp_path_factory.mktemp("runs")
     steps = []
     trainer = Trainer(load_config("smoke"), folder / "whole")
@@ -95,7 +95,7 @@ def poison(monkeypatch, steps):
 
 
 def test_step_with_a_gradient_that_is_not_finite_is_skipped_and_counted(tmp_path, monkeypatch):
-    trainer = Trainer(load_config("smoke", epochs=1), tmp_path)
+    trainer = Trainer(load_config("smoke").model_copy(update={"epochs": 1, "trajectories": 32}), tmp_path)
     poison(monkeypatch, {1, 3})
     steps = []
     trainer.train(steps.append)
