@@ -15,7 +15,7 @@ import torch
 
 from export.onnx_export import OPSET, decoder_step_graph, encoder_graph
 from export.verify import Agreement, verify
-from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest
+from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest, default_limits
 from runtime.errors import OutputError
 from runtime.friction import DT, Friction
 from train.config import TrainConfig
@@ -96,6 +96,7 @@ def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str,
             "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
         },
         evaluation={name: round(value, 5) for name, value in figures.items()},
+        limits=default_limits(config.pan_limit, config.acceleration_bound),
     )
 
 

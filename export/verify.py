@@ -10,6 +10,7 @@ import torch
 
 from runtime import Friction, Planner
 from runtime.errors import SlideError
+from runtime.limits import NO_LIMITS
 from train.closed_loop import decode
 from train.commands import free_commands
 from train.config import TrainConfig
@@ -62,7 +63,7 @@ def compare(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
     acceleration = position = 0.0
     samples = parted = 0
     for command, count in zip(commands.position, commands.samples, strict=True):
-        plan = planner.plan(command[:count], friction=friction)
+        plan = planner.plan(command[:count], friction=friction, limits=NO_LIMITS)  # the network itself
         batch = make_batch(
             command[None], np.array([count]), None, np.array([friction.static]), np.array([friction.kinetic])
         )

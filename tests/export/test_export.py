@@ -15,6 +15,7 @@ from export.verify import VerificationError, compare
 from runtime import Planner
 from runtime.bundle import Bundle
 from runtime.errors import FormatError, OutputError
+from runtime.limits import NO_LIMITS
 from train.config import load_config
 from train.trainer import Trainer, load_checkpoint, load_model
 
@@ -43,7 +44,7 @@ def test_bundle_and_network_agree_and_the_object_slides(run, tmp_path):
     assert agreement.acceleration <= 1e-3
     assert agreement.position <= 1e-5
     assert agreement.samples > 1000
-    plan = Planner(tmp_path / "bundle").plan(torch.zeros(500, 2).numpy())
+    plan = Planner(tmp_path / "bundle").plan(torch.zeros(500, 2).numpy(), limits=NO_LIMITS)
     assert plan.quality.sliding_share > 0
 
 
