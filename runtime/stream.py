@@ -257,7 +257,8 @@ class Stream:
         u = self._carried.acceleration
         if measured is None or late is None or late > len(u):
             return None
-        if before is not None and np.array_equal(measured, before) and (predicted != predicted[0]).any():
+        until = predicted[: len(predicted) - late]
+        if before is not None and np.array_equal(measured, before) and (until != until[:1]).any():
             return None
         return complete(measured, late, predicted, u, move)
 
