@@ -73,7 +73,7 @@ def compare(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
         after = motion.states[0, : count - 1].numpy()
         sliding = (plan.object_velocity[1:] != 0).any(axis=1)
         differs = np.flatnonzero(sliding != (after[:, 6:8] != 0).any(axis=1))
-        end = int(differs[0]) if differs.size else count - 1
+        end = int(differs[0]) if differs.size else int(count) - 1
         if end == 0:
             raise VerificationError("the branches part at the first sample: the graphs do not match the network")
         parted += bool(differs.size)
