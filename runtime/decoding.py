@@ -42,6 +42,10 @@ class Decoded(NamedTuple):
     pan: FloatArray
     sliding: FloatArray
 
+    def one(self, index: int) -> Decoded:
+        """Return what one command became, without the axis B."""
+        return Decoded(*(part[index] for part in self))
+
 
 def decode(bundle: Bundle, jobs: Sequence[Job]) -> Decoded:
     """Decode B commands of equally many chunks.

@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 
 from runtime.bundle import TRAINED_ON, Bundle
 from runtime.command import Command
-from runtime.decoding import Job, chunk_count, decode
-from runtime.documents import FloatArray, number
+from runtime.decoding import Decoded, Job, begin, chunk_count, decode
+from runtime.documents import number
 from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.plan import Plan
 from runtime.quality import Record, assess, friction_range
+from runtime.refine import Effort, kernels, refine
 from runtime.start import Start
 from runtime.stream import Stream
 
@@ -56,6 +57,8 @@ class Planner:
         limits: Limits | None = None,
         start: Start | None = None,
         tolerance: float | None = None,
+        refine_ms: float | None = None,
+        refine_iterations: int | None = None,
     ) -> Plan:
         """Plan the pan's motion for one command.
 
@@ -65,6 +68,9 @@ class Planner:
             limits: what holds at every sample; the manifest's if None.
             start: where pan and object are; at rest, the pan in the middle, the object on its mark, if None.
             tolerance: tracking RMSE (m) that the plan is held against, also under other friction; see `FrictionRange`.
+            refine_ms: time (ms) to spend on making the plan better; see `runtime.refine`. Without numba it is hardly
+                worth it. The first call compiles, which takes seconds and does not count.
+            refine_iterations: steps to take instead, which gives the same plan each time.
 
         Returns:
             The plan, K rows, by the time line of `runtime.plan`.
@@ -75,7 +81,12 @@ class Planner:
             BundleError: the network gave a value that is no finite number.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start))
-        return self._decode([job], _tolerance(tolerance))[0]
+        effort = _effort(refine_ms, refine_iterations, job.limits)
+        held = _tolerance(tolerance)
+        decoded = decode(self.bundle, [job]).one(0)
+        if effort is not None:
+            decoded = self._refined(job, decoded, effort)
+        return self._plan(job, decoded, held)
 
     def plan_batch(
         self,
@@ -113,13 +124,15 @@ class Planner:
             strict=True,
         )
         jobs = [Job(command, *self._defaults(*one)) for command, one in zip(commands, each, strict=True)]
+        held = _tolerance(tolerance)
         groups: dict[int, list[int]] = defaultdict(list)
         for index, job in enumerate(jobs):
             groups[chunk_count(job.command, self.bundle.manifest)].append(index)
         plans: dict[int, Plan] = {}
         for indices in groups.values():
-            made = self._decode([jobs[index] for index in indices], _tolerance(tolerance))
-            plans.update(zip(indices, made, strict=True))
+            decoded = decode(self.bundle, [jobs[index] for index in indices])
+            for row, index in enumerate(indices):
+                plans[index] = self._plan(jobs[index], decoded.one(row), held)
         return [plans[index] for index in range(len(jobs))]
 
     def stream(
@@ -155,22 +168,23 @@ class Planner:
             _value(start, AT_REST, "start"),
         )
 
-    def _decode(self, jobs: Sequence[Job], tolerance: float | None) -> list[Plan]:
-        """Plan commands of equally many chunks."""
-        decoded = decode(self.bundle, jobs)
-        batch = zip(jobs, *decoded, strict=True)
-        return [self._plan(*one, tolerance) for one in batch]
+    def _refined(self, job: Job, decoded: Decoded, effort: Effort) -> Decoded:
+        """Return one command's decoding refined, or as it is if that makes it no better."""
+        samples = len(job.command)
+        better = refine(
+            decoded.acceleration[:samples],
+            begin(job.start, job.limits),
+            decoded.sliding[0],
+            job.command.position,
+            job.friction,
+            self.bundle.manifest.chunk,
+            effort,
+        )
+        return decoded if better is None else Decoded(*better)
 
-    def _plan(
-        self,
-        job: Job,
-        u: FloatArray,
-        asked: FloatArray,
-        pan: FloatArray,
-        sliding: FloatArray,
-        tolerance: float | None,
-    ) -> Plan:
+    def _plan(self, job: Job, decoded: Decoded, tolerance: float | None) -> Plan:
         """Cut what was decoded back to the command's K samples and judge it."""
+        u, asked, pan, sliding = decoded
         manifest, samples = self.bundle.manifest, len(job.command)
         motion = {
             "command_position": job.command.position,
@@ -230,6 +244,26 @@ def _one_for_each(given: Value | Sequence[Value] | None, name: str, count: int) 
     if len(given) != count:
         raise InputError(f"{name} must be one for all or one for each: {len(given)} for {count}")
     return given
+
+
+def _effort(milliseconds: float | None, iterations: int | None, limits: Limits) -> Effort | None:
+    """Return how long to refine, None for not at all; loads what it takes, so that the time begins to count after.
+
+    Raises:
+        InputError: both are given, one is negative or no number, or there are no limits to refine within.
+    """
+    if milliseconds is None and iterations is None:
+        return None
+    if milliseconds is not None and iterations is not None:
+        raise InputError("give refine_ms or refine_iterations, not both")
+    if not limits.finite:
+        raise InputError("a plan is refined within limits, and there are none")
+    name, value = ("refine_ms", milliseconds) if iterations is None else ("refine_iterations", iterations)
+    amount = number(value, name)
+    if amount < 0.0:
+        raise InputError(f"{name} must not be negative, got {amount:g}")
+    kernels()
+    return Effort(amount * 1e-3) if iterations is None else Effort(0.0, int(amount))
 
 
 def _tolerance(tolerance: float | None) -> float | None:
