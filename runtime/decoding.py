@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,10 @@ from runtime.friction import BATCHED_FROM, Friction, rollout, rollout_batch
 from runtime.governor import Motion, govern
 from runtime.limits import RESTING, Limits, PanState, find_brake, stop_reach
 from runtime.start import Start
+
+UNREAD = 3
+"""Chunks at the end of a window that are read and planned again with the next: where a command goes on, the network
+must not think it ends. Of 0 to 7, and with windows of 10 to 15 chunks, 3 of 15 tracked long commands best."""
 
 
 class Job(NamedTuple):
@@ -66,7 +70,9 @@ def decode(bundle: Bundle, jobs: Sequence[Job]) -> Decoded:
     accelerations, askeds, pans, slidings = [], [], [pan], [sliding]
     pan, sliding = (history(state, bundle.manifest) for state in (pan, sliding))
 
-    for first, last, seen in windows(chunk_count(commands[0], bundle.manifest), bundle.manifest):
+    count, last = chunk_count(commands[0], bundle.manifest), 0
+    while last < count:
+        first, (last, seen) = last, window(last, count, bundle.manifest)
         ahead = np.stack([command_chunks(command, bundle.manifest, first, seen) for command in commands])
         origin = origins(commands, first * bundle.manifest.chunk)
         memory = bundle.encode(ahead[:, : seen - first])
@@ -111,9 +117,16 @@ def history(state: FloatArray, manifest: Manifest) -> FloatArray:
     return np.repeat(state, manifest.chunk, axis=1)
 
 
-def windows(count: int, manifest: Manifest) -> Iterator[tuple[int, int, int]]:
-    """Cut a command of `count` chunks into windows: (first, last, seen), the encoder reads first to seen."""
-    yield 0, count, count
+def window(first: int, count: int, manifest: Manifest) -> tuple[int, int]:
+    """Return the chunk up to which a command of `count` chunks is planned at once from chunk `first`, and read.
+
+    A command as long as those trained on, or shorter, is one window. Of a longer one the encoder reads as much, and
+    the next window begins UNREAD chunks before the end of that, with the pan and the object where they are by then:
+    the memory needed does not grow with the length, and the decoder never works past what it was trained for.
+    """
+    most = max(UNREAD + 1, int(manifest.trained_on["samples"][1]) // manifest.chunk)
+    seen = min(count, first + most)
+    return (count if seen == count else seen - UNREAD), seen
 
 
 def origins(commands: Sequence[Command], row: int) -> FloatArray:

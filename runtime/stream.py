@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from runtime.bundle import Bundle, DecoderState, Float32Array
 from runtime.command import Command
-from runtime.decoding import Job, begin, chunk_count, command_chunks, decode_step, history, origins
+from runtime.decoding import Job, begin, chunk_count, command_chunks, decode_step, history, origins, window
 from runtime.documents import FloatArray
 from runtime.errors import BundleError, ConcurrentUseError, InputError
 from runtime.friction import GRAVITY, Friction, integrate_pan, rollout
@@ -54,10 +54,11 @@ class StreamStatus(StrEnum):
 
 
 class Target(NamedTuple):
-    """The command as the decoder sees it from chunk `first` on, `n` iterations in."""
+    """The command as the decoder sees it from chunk `first` to chunk `last`, `n` iterations in."""
 
     command: Command
     first: int
+    last: int
     n: int
     ahead: Float32Array
     origin: FloatArray
@@ -237,10 +238,10 @@ class Stream:
     def _aim(self, command: Command, first: int) -> Target:
         """Let the encoder read a command from chunk `first` on; past its end it is held."""
         manifest = self._bundle.manifest
-        last = max(chunk_count(command, manifest), first + 1)
-        ahead = command_chunks(command, manifest, first, last)[None]
+        last, seen = window(first, max(chunk_count(command, manifest), first + 1), manifest)
+        ahead = command_chunks(command, manifest, first, seen)[None]
         origin = origins([command], first * manifest.chunk)[0]
-        return Target(command, first, 0, ahead, origin, self._bundle.encode(ahead[:, : last - first]))
+        return Target(command, first, last, 0, ahead, origin, self._bundle.encode(ahead[:, : seen - first]))
 
     def _slide(self, state: FloatArray, u: FloatArray) -> FloatArray:
         return rollout(state, u, self._friction)
@@ -280,6 +281,8 @@ class Stream:
             BundleError: the network gave no finite number.
         """
         target = self._target
+        if target.first + target.n == target.last < chunk_count(target.command, self._bundle.manifest):
+            target = self._aim(target.command, target.last)
         asked, memory = decode_step(
             self._bundle, pan[None], (sliding - target.origin)[None], target.ahead, target.n, target.memory
         )

@@ -96,6 +96,47 @@ def test_planning_does_not_depend_on_where_the_command_starts(planner: Planner, 
     np.testing.assert_allclose(shifted.object_position, plan.object_position + shift, atol=1e-6)
 
 
+def test_long_command_is_planned_by_windows_as_its_parts_are(planner: Planner, make_curve: Curve) -> None:
+    # The tiny bundle is said to be trained on 1500 samples: the second window begins after 1200.
+    position = make_curve(4000)
+    plan = planner.plan(position)
+    first = planner.plan(position[:1500])
+    for name in ARRAYS:
+        # Not to the last bit: where the short command ends, its last velocity is a one-sided difference.
+        np.testing.assert_allclose(getattr(plan, name)[:1200], getattr(first, name)[:1200], atol=1e-3)
+    stream = planner.stream(position)
+    u = [stream.step(plan_states(plan.pan_position, plan.pan_velocity, 0), object_states(plan, 0))]
+    for n in range(1, 30):
+        u.append(stream.step(plan_states(plan.pan_position, plan.pan_velocity, n), object_states(plan, n)))
+    np.testing.assert_array_equal(np.concatenate(u), plan.pan_acceleration[:3000])
+
+
+def test_windows_of_a_long_command_read_no_more_than_was_trained_on(
+    planner: Planner, make_curve: Curve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[int] = []
+    encode = type(planner.bundle).encode
+    monkeypatch.setattr(type(planner.bundle), "encode", lambda self, x: read.append(x.shape[1]) or encode(self, x))
+    planner.plan(make_curve(1500))
+    assert read == [15]
+    read.clear()
+    plan = planner.plan(make_curve(60_000))
+    assert set(read[:-1]) == {15}
+    assert read[-1] <= 15
+    assert len(plan) == 60_000
+    assert min(value for value in plan.quality.margins.values() if value is not None) > -1e-9
+
+
+def plan_states(position: NDArray[np.float64], velocity: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Return the C states before chunk n: the start C times before the first."""
+    states = np.hstack([position, velocity])
+    return np.tile(states[0], (100, 1)) if n == 0 else states[100 * n - 99 : 100 * n + 1]
+
+
+def object_states(plan: Plan, n: int) -> NDArray[np.float64]:
+    return plan_states(plan.object_position, plan.object_velocity, n)
+
+
 def test_friction_is_the_manifests_unless_given(planner: Planner, make_curve: Curve) -> None:
     position = make_curve(600)
     assert planner.plan(position).friction == Friction(1.0, 0.5)
