@@ -1,6 +1,6 @@
 """A 1 kHz control loop that embeds the planner: a simulated plant in another thread, disturbed, and its deadlines.
 
-    python examples/controller.py [SECONDS]
+    python examples/controller.py [ROUNDS]
 
 The plant moves pan and object by the law of friction, under another friction than planned for, and is measured with
 noise; half-way the object is pushed. The controller asks the stream for the next chunk while the plant executes the
@@ -73,17 +73,27 @@ def plant(commands: queue.Queue[Array | None], measured: queue.Queue[tuple[Array
         measured.put((pans + noise[0], slidings + noise[1]))
 
 
-def figure_eight(seconds: float) -> Array:
-    """Return a figure eight every two seconds, 0.05 m to each side, (K, 2) (m)."""
-    t = np.arange(round(seconds * 1000.0)) * 1e-3
-    phase = np.pi * np.maximum(t - 0.1, 0.0)
+def figure_eight() -> Array:
+    """Return a figure eight in 1.4 s, 0.05 m to each side, (1400, 2) (m)."""
+    phase = 2.0 * np.pi * np.linspace(0.0, 1.0, 1400) ** 2 * (3.0 - 2.0 * np.linspace(0.0, 1.0, 1400))
     return np.stack([0.05 * np.sin(phase), 0.025 * np.sin(2.0 * phase)], axis=1)
 
 
-def control(planner: Planner, seconds: float) -> Report:
-    """Follow a figure eight for some time and report."""
-    position = figure_eight(seconds)
-    chunks = len(position) // planner.bundle.manifest.chunk
+def control(planner: Planner, rounds: int) -> Report:
+    """Follow a figure eight a number of times, each from rest, and report."""
+    parts = [control_once(planner, figure_eight()) for _ in range(rounds)]
+    return Report(
+        np.concatenate([part.durations for part in parts]),
+        float(np.mean([part.error_before for part in parts])),
+        float(np.mean([part.error_after for part in parts])),
+        tuple(status for part in parts for status in part.statuses),
+    )
+
+
+def control_once(planner: Planner, position: Array) -> Report:
+    """Follow one command, push the object half-way, and report."""
+    chunk = planner.bundle.manifest.chunk
+    chunks = len(position) // chunk
     commands: queue.Queue[Array | None] = queue.Queue()
     measured: queue.Queue[tuple[Array, Array]] = queue.Queue()
     worker = threading.Thread(target=plant, args=(commands, measured, chunks // 2), daemon=True)
@@ -105,12 +115,11 @@ def control(planner: Planner, seconds: float) -> Report:
 
     states = np.concatenate(reached)
     error = np.hypot(*(states[:-1, :2] - position[1 : len(states)]).T)
-    half = chunks // 2 * planner.bundle.manifest.chunk
-    before, after = error[:half], error[half + 4 * planner.bundle.manifest.chunk :]
+    before, after = error[: chunks // 2 * chunk], error[(chunks // 2 + 4) * chunk :]
     rms_before, rms_after = (float(np.sqrt(np.mean(part * part))) for part in (before, after))
     return Report(durations, rms_before, rms_after, tuple(statuses))
 
 
 if __name__ == "__main__":
-    report = control(Planner(), float(sys.argv[1]) if len(sys.argv) > 1 else 10.0)
+    report = control(Planner(), int(sys.argv[1]) if len(sys.argv) > 1 else 50)
     print("\n".join(report.lines()))

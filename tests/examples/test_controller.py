@@ -17,9 +17,9 @@ def test_controller_follows_and_recovers_from_a_push() -> None:
     controller = importlib.util.module_from_spec(spec)
     sys.modules["controller"] = controller  # where its dataclass looks its annotations up
     spec.loader.exec_module(controller)
-    report = controller.control(Planner(), 4.0)
-    assert len(report.durations) == 40
+    report = controller.control(Planner(), 3)
+    assert len(report.durations) == 42
     assert StreamStatus.BRAKING not in report.statuses
     assert report.error_before < 0.02
-    assert report.error_after < 2.0 * report.error_before + 0.005
+    assert report.error_after < 2.0 * report.error_before
     assert any("deadlines" in line for line in report.lines())
