@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm test check bench clean
+.PHONY: help run demo-arm test nightly check bench clean
 
 help: ## list the verbs
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -23,6 +23,9 @@ demo-arm: $(VENV)/arm.stamp ## plan, execute on the simulated arm in closed loop
 
 test: $(VENV)/dev.stamp ## run every test
 	$(BIN)/python -m pytest
+
+nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind
+	SLIDE_SEQUENCES=100000 $(BIN)/python -m pytest tests/runtime/test_governor.py --timeout 7200
 
 check: $(VENV)/dev.stamp ## lint, formatting and types
 	$(BIN)/ruff check .

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks import accuracy, speed
+from benchmarks import accuracy, control, speed
 from benchmarks.machine import Machine, this_machine, versions
 from benchmarks.targets import Verdict, judge
 from runtime.cli import DONE_BUT_MISSED, AsJson, print_json, run, say
@@ -35,10 +35,11 @@ class Section(StrEnum):
 
     ACCURACY = "accuracy"
     SPEED = "speed"
+    CONTROL = "control"
     TRAINING = "training"
 
 
-TIMED = {Section.SPEED, Section.TRAINING}
+TIMED = {Section.SPEED, Section.CONTROL, Section.TRAINING}
 """What a busy machine spoils."""
 
 
@@ -56,14 +57,14 @@ def slide_bench(
     ] = None,
     only: Annotated[
         list[Section] | None,
-        typer.Option("--only", help="accuracy, speed or training; may be repeated.", metavar="SECTION"),
+        typer.Option("--only", help="accuracy, speed, control or training; may be repeated.", metavar="SECTION"),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the JSON object to.", metavar="FILE")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure a bundle's accuracy on the suite, its speed beside torch eager, and the cost of a training step."""
+    """Measure accuracy on the suite, speed beside torch eager, a controller's deadlines, and a training step."""
     if output is not None:
         check_writable(output)
     machine, planner = this_machine(), Planner(model)
@@ -104,6 +105,9 @@ def measure(chosen: list[Section], planner: Planner, model: Path | None) -> tupl
             sections[Section.SPEED] = speed.measure(planner, eager, model)
             if missing:
                 notes.append(f"torch eager is left out: {missing} is not installed; {TRAIN_EXTRA}")
+        if Section.CONTROL in chosen:
+            _progress("a controller's figures")
+            sections[Section.CONTROL] = control.measure(planner, model)
         if Section.TRAINING in chosen and missing:
             notes.append(f"training is left out: {missing} is not installed; {TRAIN_EXTRA}")
         elif Section.TRAINING in chosen:
@@ -168,6 +172,7 @@ def _print_results(
     print_section: dict[Section, Callable[..., list[Any]]] = {
         Section.ACCURACY: tables.accuracy_tables,
         Section.SPEED: tables.speed_tables,
+        Section.CONTROL: tables.control_tables,
         Section.TRAINING: tables.training_tables,
     }
     tables.print_tables([tables.machine_table(machine, versions(), model)])

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.accuracy import PAN_REACH, Accuracy, Figures
+from benchmarks.control import Control
 from benchmarks.machine import Machine
 from benchmarks.speed import LAW_BATCHES, PlanningSpeed, Speed
 from benchmarks.targets import Verdict
@@ -122,6 +123,15 @@ def _planning_rows(speed: PlanningSpeed) -> list[tuple[str, str]]:
     if torch is not None:
         rows += [("  torch eager", f"{torch.median:,.0f}"), ("  over torch eager", f"{speed.ratio_to_torch:.2f} x")]
     return rows
+
+
+def control_tables(control: Control, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return what a controller has to count on, beside what is asked of it."""
+    details = {
+        "control.step.p99": [(f"  99.9 % of {control.step.count:,}", f"{control.step.p999 * 1e3:.2f}")],
+        "control.first_plan.median": [("  10 % to 90 %", _span(control.first_plan, "{:.2f}"))],
+    }
+    return _figures_tables("In a controller, one thread", verdicts, details)
 
 
 def training_tables(training: Training, verdicts: Sequence[Verdict]) -> list[Table]:

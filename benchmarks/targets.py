@@ -52,9 +52,15 @@ TARGETS = (
     Target(
         "accuracy.families.spline.no_better_than_unmoved", "spline, no better than a still pan", "", "<=", 0, "{:.0f}"
     ),
-    Target("speed.single.samples_per_second.median", "single plan", "samples/s", ">=", 100e3, "{:,.0f}"),
-    Target("speed.batch.samples_per_second.median", "batch of 64", "samples/s", ">=", 400e3, "{:,.0f}"),
+    Target("speed.single.samples_per_second.median", "single plan", "samples/s", ">=", 150e3, "{:,.0f}"),
+    Target("speed.batch.samples_per_second.median", "batch of 64", "samples/s", ">=", 500e3, "{:,.0f}"),
+    Target("speed.single.ratio_to_torch", "single plan over torch eager", "x", ">=", 5.0, "{:.2f}"),
     Target("speed.slide_plan.median", "slide-plan, start to file", "s", "<=", 1.5, "{:.2f}"),
+    Target("control.step.p50", "stream step, median", "ms", "<=", 0.35e-3, "{:.2f}", 1e3),
+    Target("control.step.p99", "stream step, 99 %", "ms", "<=", 1e-3, "{:.2f}", 1e3),
+    Target("control.governor_share", "governor's share of planning", "%", "<=", 0.15, "{:.1f}", 100.0),
+    Target("control.first_plan.median", "process start to first plan", "s", "<=", 0.5, "{:.2f}"),
+    Target("control.memory", "memory of it", "MB", "<=", 110e6, "{:.0f}", 1e-6),
     Target("training.step.median", "forward + backward", "s", "<=", 0.4, "{:.3f}"),
     Target("training.friction_share", "friction's share of it", "%", "<", 0.1, "{:.1f}", 100.0),
 )

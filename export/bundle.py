@@ -15,7 +15,7 @@ import torch
 
 from export.onnx_export import OPSET, decoder_step_graph, encoder_graph
 from export.verify import Agreement, verify
-from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest
+from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest, default_limits
 from runtime.errors import OutputError
 from runtime.friction import DT, Friction
 from train.config import TrainConfig
@@ -41,13 +41,13 @@ def export_bundle(checkpoint: Path, folder: Path) -> Exported:
     """
     saved = load_checkpoint(checkpoint)
     config, model = load_model(saved)
-    _check_replaceable(folder)
+    check_replaceable(folder)
     temporary = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.tmp"
     try:
         temporary.mkdir(parents=True)
         manifest = _write(temporary, model, config, saved["epoch"])
         agreement = verify(model, config, temporary)
-        _replace(folder, temporary)
+        replace_folder(folder, temporary)
     except OSError as error:
         raise OutputError(f"cannot write the bundle {folder}: {error.strerror or error}") from error
     finally:
@@ -96,10 +96,11 @@ def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str,
             "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
         },
         evaluation={name: round(value, 5) for name, value in figures.items()},
+        limits=default_limits(config.pan_limit, config.acceleration_bound),
     )
 
 
-def _check_replaceable(folder: Path) -> None:
+def check_replaceable(folder: Path) -> None:
     """Refuse to replace a folder that is not a bundle.
 
     Raises:
@@ -109,7 +110,7 @@ def _check_replaceable(folder: Path) -> None:
         raise OutputError(f"{folder} exists and is not a bundle; it is left as it is")
 
 
-def _replace(folder: Path, temporary: Path) -> None:
+def replace_folder(folder: Path, temporary: Path) -> None:
     """Put `temporary` in the place of `folder`; what was there is removed last."""
     old: Path | None = None
     if folder.exists():

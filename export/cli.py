@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import tempfile
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli import AsJson, extra, print_json, print_table, run
+from runtime.bundle import MANIFEST_FILE
+from runtime.cli import MM, AsJson, extra, print_json, print_table, run
+
+if TYPE_CHECKING:  # they import torch, which takes seconds and may not be installed
+    from export.quantize import Comparison
+    from export.verify import Agreement
 
 
 class Precision(StrEnum):
     """Of the exported weights."""
 
     FP32 = "fp32"
+    INT8 = "int8"
 
 
 def export_main() -> None:
@@ -23,26 +30,55 @@ def export_main() -> None:
 
 
 def slide_export(
-    checkpoint: Annotated[Path, typer.Argument(help="Checkpoint, or the folder of a run.", show_default=False)],
+    source: Annotated[
+        Path,
+        typer.Argument(help="Checkpoint, folder of a run, or for int8 an fp32 bundle.", show_default=False),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Bundle folder to write.", show_default=False)],
     precision: Annotated[Precision, typer.Option(help="Of the exported weights.")] = Precision.FP32,
     as_json: AsJson = False,
 ) -> None:
-    """Export a trained network as a bundle, after comparing the two in closed loop."""
+    """Export a trained network as a bundle, after comparing the two in closed loop; int8 also by its error."""
     with extra("train"):
-        from export.bundle import export_bundle  # torch takes seconds to load
+        from export.bundle import Exported, export_bundle  # torch takes seconds to load
+        from export.quantize import Quantized, quantize_bundle
 
-    exported = export_bundle(checkpoint, output)
-    agreement = exported.agreement
+    exported: Exported | None = None
+    quantized: Quantized | None = None
+    made: Exported | Quantized
+    if precision is Precision.FP32:
+        made = exported = export_bundle(source, output)
+    elif (source / MANIFEST_FILE).exists():
+        made = quantized = quantize_bundle(source, output)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            exported = export_bundle(source, Path(folder) / "fp32")
+            made = quantized = quantize_bundle(Path(folder) / "fp32", output)
     if as_json:
-        print_json({"bundle": str(output), "precision": precision.value, "agreement": agreement._asdict()})
+        parts = {
+            "agreement": None if exported is None else exported.agreement._asdict(),
+            "comparison": None if quantized is None else quantized.comparison._asdict(),
+        }
+        print_json({"bundle": str(output), "precision": precision.value, **parts})
         return
-    print_table(
-        f"{output}: {exported.manifest.name}, {exported.manifest.units} units, {precision.value}",
-        [
-            ("commands replayed through torch and onnxruntime", str(agreement.commands)),
-            ("samples until a branch parted, or the end", f"{agreement.samples} ({agreement.parted} parted)"),
-            ("largest difference of pan acceleration", f"{agreement.acceleration:.2g} m/s^2"),
-            ("largest difference of position", f"{agreement.position:.2g} m"),
-        ],
-    )
+    rows = [] if exported is None else _agreement_rows(exported.agreement)
+    rows += [] if quantized is None else _comparison_rows(quantized.comparison)
+    manifest = made.manifest
+    print_table(f"{output}: {manifest.name}, {manifest.units} units, {manifest.precision}", rows)
+
+
+def _agreement_rows(agreement: Agreement) -> list[tuple[str, str]]:
+    return [
+        ("commands replayed through torch and onnxruntime", str(agreement.commands)),
+        ("samples until a branch parted, or the end", f"{agreement.samples} ({agreement.parted} parted)"),
+        ("largest difference of pan acceleration", f"{agreement.acceleration:.2g} m/s^2"),
+        ("largest difference of position", f"{agreement.position:.2g} m"),
+    ]
+
+
+def _comparison_rows(comparison: Comparison) -> list[tuple[str, str]]:
+    return [
+        ("commands planned by fp32 and int8", str(comparison.commands)),
+        ("mean tracking RMSE, fp32", f"{comparison.fp32 * MM:.3f} mm"),
+        ("mean tracking RMSE, int8", f"{comparison.int8 * MM:.3f} mm ({comparison.growth:+.1%})"),
+    ]

@@ -10,6 +10,7 @@ import torch
 
 from runtime import Friction, Planner
 from runtime.errors import SlideError
+from runtime.limits import NO_LIMITS
 from train.closed_loop import decode
 from train.commands import free_commands
 from train.config import TrainConfig
@@ -56,13 +57,14 @@ def compare(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
     both trajectories are right and different, so each command is compared up to that instant only.
     """
     rng = np.random.default_rng(SEED)
-    commands = free_commands(rng, COMMANDS, SAMPLES, config.families, config.reach, config.speed, config.chunk)
+    longest = min(SAMPLES, config.samples[1])  # longer ones are planned by windows, which torch's loop knows nothing of
+    commands = free_commands(rng, COMMANDS, longest, config.families, config.reach, config.speed, config.chunk)
     friction = Friction(config.static, config.kinetic)
     planner = Planner(bundle)
     acceleration = position = 0.0
     samples = parted = 0
     for command, count in zip(commands.position, commands.samples, strict=True):
-        plan = planner.plan(command[:count], friction=friction)
+        plan = planner.plan(command[:count], friction=friction, limits=NO_LIMITS)  # the network itself
         batch = make_batch(
             command[None], np.array([count]), None, np.array([friction.static]), np.array([friction.kinetic])
         )
@@ -72,7 +74,7 @@ def compare(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
         after = motion.states[0, : count - 1].numpy()
         sliding = (plan.object_velocity[1:] != 0).any(axis=1)
         differs = np.flatnonzero(sliding != (after[:, 6:8] != 0).any(axis=1))
-        end = int(differs[0]) if differs.size else count - 1
+        end = int(differs[0]) if differs.size else int(count) - 1
         if end == 0:
             raise VerificationError("the branches part at the first sample: the graphs do not match the network")
         parted += bool(differs.size)

@@ -6,22 +6,39 @@ plan.save("plan.json")
 """
 
 from runtime.command import Command
-from runtime.errors import BundleError, FormatError, InputError, MissingExtraError, OutputError, SlideError
+from runtime.errors import (
+    BundleError,
+    ConcurrentUseError,
+    FormatError,
+    InputError,
+    MissingExtraError,
+    OutputError,
+    SlideError,
+)
 from runtime.friction import Friction
-from runtime.plan import Plan, Quality, Status
+from runtime.limits import Limits
+from runtime.plan import Plan
 from runtime.planner import Planner
+from runtime.quality import Quality, Status
+from runtime.start import Start
+from runtime.stream import Stream, StreamStatus
 
 __all__ = [
     "BundleError",
     "Command",
+    "ConcurrentUseError",
     "FormatError",
     "Friction",
     "InputError",
+    "Limits",
     "MissingExtraError",
     "OutputError",
     "Plan",
     "Planner",
     "Quality",
     "SlideError",
+    "Start",
     "Status",
+    "Stream",
+    "StreamStatus",
 ]

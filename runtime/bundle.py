@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from runtime.documents import check_format, fields, number, parse_json, read_bytes, read_text, text
 from runtime.errors import BundleError, InputError
 from runtime.friction import DT, Friction
+from runtime.limits import Limits
 
 BUNDLE_FORMAT = "slide-bundle/1"
 MANIFEST_FILE = "manifest.json"
@@ -48,6 +49,8 @@ TRAINED_ON = {"static": "", "kinetic": "", "reach": "m", "speed": "m/s", "sample
 
 EXTERNAL_DATA_KEY = b"location"
 """Stands in an ONNX file whose weights lie in another file, which no hash covers."""
+
+DEFAULT_LIMITS = Limits()
 
 Float32Array = NDArray[np.float32]
 
@@ -84,10 +87,12 @@ class Manifest:
         command_ahead: command chunks the decoder sees in each iteration.
         acceleration_bound: bound on the pan acceleration inside the network (m/s^2); None if it has none.
         friction: what plans are made for unless something else is said.
-        pan_limit: largest distance of the pan from where it began (m).
+        pan_limit: largest distance of the pan from where it began that was trained for (m).
         trained_on: lowest and highest value of each of TRAINED_ON in the training.
         training: how the network was made; free-form.
         evaluation: figures; free-form.
+        limits: what plans keep to unless something else is said. May be absent in the file: then `pan_limit`, the
+            acceleration bound and the defaults of `Limits`.
     """
 
     name: str
@@ -105,6 +110,7 @@ class Manifest:
     trained_on: Mapping[str, tuple[float, float]]
     training: Mapping[str, Any]
     evaluation: Mapping[str, Any]
+    limits: Limits = DEFAULT_LIMITS
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document.
@@ -120,6 +126,7 @@ class Manifest:
             "trained_on": {name: list(limits) for name, limits in self.trained_on.items()},
             "training": dict(self.training),
             "evaluation": dict(self.evaluation),
+            "limits": self.limits.to_dict(),
         }
         type(self).from_dict(document)
         return document
@@ -137,7 +144,8 @@ class Manifest:
         """
         with _judging(source):
             check_format(document, BUNDLE_FORMAT)
-            parts = fields(document, "", ("format", *cls.__dataclass_fields__))
+            needed = [name for name in cls.__dataclass_fields__ if name != "limits"]
+            parts = fields(document, "", ("format", *needed), optional=("limits",))
             precision = text(parts["precision"], "precision")
             if precision not in PRECISIONS:
                 raise InputError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
@@ -148,6 +156,9 @@ class Manifest:
             for name in ("training", "evaluation"):
                 if not isinstance(parts[name], Mapping):
                     raise InputError(f"{name} must be an object, got {parts[name]!r}")
+            pan_limit = _positive(parts["pan_limit"], "pan_limit")
+            bound = None if bound is None else _positive(bound, "acceleration_bound")
+            limits = default_limits(pan_limit, bound)
             dt = number(parts["dt"], "dt")
             if dt != DT:
                 raise InputError(f"dt must be {DT:g} s, the sampling interval of commands and plans, got {dt:g} s")
@@ -161,13 +172,19 @@ class Manifest:
                 layers=_integer(parts["layers"], "layers", 1),
                 units=_integer(parts["units"], "units", 1),
                 command_ahead=_integer(parts["command_ahead"], "command_ahead", 0),
-                acceleration_bound=None if bound is None else _positive(bound, "acceleration_bound"),
+                acceleration_bound=bound,
                 friction=Friction(friction["static"], friction["kinetic"]),
-                pan_limit=_positive(parts["pan_limit"], "pan_limit"),
+                pan_limit=pan_limit,
                 trained_on={name: _range(value, f"trained_on.{name}") for name, value in trained_on.items()},
                 training=parts["training"],
                 evaluation=parts["evaluation"],
+                limits=Limits.from_dict(parts["limits"]) if "limits" in parts else limits,
             )
+
+
+def default_limits(pan_limit: float, acceleration_bound: float | None) -> Limits:
+    """Return the limits of plans by a network trained for these (m, m/s^2)."""
+    return Limits(pan_limit) if acceleration_bound is None else Limits(pan_limit, acceleration_bound)
 
 
 def _integer(value: object, key: str, smallest: int) -> int:

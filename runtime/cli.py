@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,6 +24,7 @@ from runtime.command import Command
 from runtime.documents import check_writable
 from runtime.errors import InputError, MissingExtraError, SlideError
 from runtime.friction import Friction
+from runtime.limits import UNITS
 from runtime.plan import Plan, Status, check_suffix, tracking_error
 from runtime.planner import DEFAULT_BUNDLE, Planner
 from runtime.report import Track, write_report
@@ -126,6 +128,14 @@ def slide_plan(
     ] = None,
     static: Static = None,
     kinetic: Kinetic = None,
+    reach: Annotated[float | None, typer.Option("--reach", help="Limit on the pan's reach (m).", metavar="M")] = None,
+    acceleration: Annotated[
+        float | None, typer.Option("--acceleration", help="Limit on its acceleration (m/s^2).", metavar="A")
+    ] = None,
+    jerk: Annotated[float | None, typer.Option("--jerk", help="Limit on its jerk (m/s^3).", metavar="J")] = None,
+    tolerance: Annotated[
+        float | None, typer.Option("--tolerance", help="Tracking RMSE to hold the plan against (m).", metavar="M")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan the motion of the pan that slides the object along a command."""
@@ -134,8 +144,10 @@ def slide_plan(
     command = Command.load(command_file)
     planner = Planner(model)
     friction = _friction(planner.bundle.manifest.friction, static, kinetic)
+    given = {"pan_reach": reach, "acceleration": acceleration, "jerk": jerk}
+    limits = replace(planner.bundle.manifest.limits, **{name: it for name, it in given.items() if it is not None})
     begin = time.perf_counter()
-    plan = planner.plan(command, friction)
+    plan = planner.plan(command, friction, limits=limits, tolerance=tolerance)
     duration = time.perf_counter() - begin
     plan.save(output)
 
@@ -159,6 +171,7 @@ def slide_plan(
             ("tracking maximum", f"{quality.tracking_max * MM:.2f} mm"),
             ("pan reach", _reach(plan)),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),
+            ("samples governed", f"{0 if quality.governed is None else quality.governed.samples}"),
             ("planning time", f"{duration * 1e3:.1f} ms for {len(plan)} samples"),
             ("samples per second", f"{speed:,.0f}, {speed / PAPER_SAMPLES_PER_SECOND:.0f} x the paper's 622"),
         ]
@@ -301,6 +314,10 @@ def slide_info(
         ("friction, static/kinetic", f"{manifest.friction.static:g}/{manifest.friction.kinetic:g}"),
         ("pan limit", f"{manifest.pan_limit:g} m"),
         ("acceleration bound", "none" if bound is None else f"{bound:g} m/s^2"),
+        *(
+            (f"limit on {name.replace('_', ' ')}", f"{getattr(manifest.limits, name):g} {UNITS[name]}")
+            for name in UNITS
+        ),
     ]
     for name, unit in TRAINED_ON.items():
         low, high = manifest.trained_on[name]
@@ -339,11 +356,11 @@ def print_json(document: dict[str, Any]) -> None:
 
 
 def _conclude(name: str, plan: Plan, missed: Sequence[str] = ()) -> None:
-    """Say what is to be said of the plan's limits and of what was missed besides; either makes the exit code 1."""
-    notes = "; ".join(plan.quality.notes)
-    if plan.quality.status is Status.LIMIT_EXCEEDED or missed:
-        exceeded = [f"limit exceeded: {notes}"] if plan.quality.status is Status.LIMIT_EXCEEDED else []
-        say(name, "; ".join([*missed, *exceeded]))
+    """Say what is to be said of the plan and of what was missed besides; a limit or a tolerance missed exits with 1."""
+    status, notes = plan.quality.status, "; ".join(plan.quality.notes)
+    over = status in (Status.LIMIT_EXCEEDED, Status.TOLERANCE_MISSED)
+    if over or missed:
+        say(name, "; ".join([*missed, *([f"{status.replace('_', ' ')}: {notes}"] if over else [])]))
         raise typer.Exit(DONE_BUT_MISSED)
-    if notes:
+    if status is Status.BEYOND_TRAINING_RANGE:
         say(name, f"warning: {notes}")

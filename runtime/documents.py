@@ -126,13 +126,14 @@ def parse_npz(data: bytes) -> dict[str, NDArray[Any]]:
         raise InputError(f"not a readable npz file: {error}") from error
 
 
-def fields(value: object, where: str, names: Sequence[str]) -> Mapping[str, Any]:
+def fields(value: object, where: str, names: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
     """Check that a value is an object with exactly these keys.
 
     Args:
         value: the parsed value.
         where: its key in the document, "" for the document itself.
         names: the keys it must have.
+        optional: the keys it may have.
 
     Raises:
         InputError: not an object, a key is missing, or a key is unknown.
@@ -144,7 +145,7 @@ def fields(value: object, where: str, names: Sequence[str]) -> Mapping[str, Any]
         if name not in value:
             raise InputError(f"{place}missing key {name!r}")
     for name in value:
-        if name not in names:
+        if name not in names and name not in optional:
             raise InputError(f"{place}unknown key {reprlib.repr(name)}")
     return value
 

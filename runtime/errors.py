@@ -29,3 +29,7 @@ class OutputError(SlideError):
 
 class MissingExtraError(SlideError):
     """An optional package is needed; the message says which `pip install` line brings it."""
+
+
+class ConcurrentUseError(SlideError, RuntimeError):
+    """Something that belongs to one thread at a time was used from two at once."""

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import io
 import json
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
@@ -35,156 +33,11 @@ from runtime.documents import (
 )
 from runtime.errors import InputError, OutputError
 from runtime.friction import Friction, rollout
+from runtime.quality import Quality, Status, assess, tracking_error
+
+__all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "assess", "check_suffix", "tracking_error"]
 
 PLAN_FORMAT = "slide-plan/1"
-
-LIMITED = {"pan_reach": ("pan_reach", "m"), "acceleration": ("acceleration_max", "m/s^2")}
-"""Each limit's name, the figure of `Quality` it bounds, and the unit."""
-
-LIMIT_ROUNDING = 1e-6
-"""A limit may be passed by this share of itself: the network bounds its accelerations in float32."""
-
-
-class Status(StrEnum):
-    """What is to be said of a plan as a whole; the worst thing that holds."""
-
-    OK = "ok"
-    """Within every limit, and the command is of the kind the model was trained on."""
-
-    BEYOND_TRAINING_RANGE = "beyond_training_range"
-    """Within every limit, but the command or the friction is outside the range the model was trained on."""
-
-    LIMIT_EXCEEDED = "limit_exceeded"
-    """A limit is passed: the plan must not be executed as it is."""
-
-
-@dataclass(frozen=True)
-class Quality:
-    """How good a plan is, by its own prediction under the friction it was made for.
-
-    Attributes:
-        tracking_rmse: root of the mean squared distance between object and command (m).
-        tracking_max: largest distance between object and command (m).
-        pan_reach: largest distance of the pan from where it began (m).
-        acceleration_max: largest pan acceleration (m/s^2).
-        jerk_max: largest change of the pan acceleration from one sample to the next, over dt (m/s^3).
-        sliding_share: share of the samples at which the object slides (0 to 1).
-        limits: the limits that hold, by the names in LIMITED and in its units; None where there is none.
-        margins: limit minus figure, negative when the limit is passed; None where there is no limit.
-        status: the worst thing to be said.
-        notes: one line for each thing that led to the status, with value, range and unit.
-    """
-
-    tracking_rmse: float
-    tracking_max: float
-    pan_reach: float
-    acceleration_max: float
-    jerk_max: float
-    sliding_share: float
-    limits: Mapping[str, float | None]
-    margins: Mapping[str, float | None]
-    status: Status
-    notes: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        return {
-            **{name: getattr(self, name) for name in _FIGURES},
-            "limits": dict(self.limits),
-            "margins": dict(self.margins),
-            "status": self.status.value,
-            "notes": list(self.notes),
-        }
-
-    @classmethod
-    def from_dict(cls, document: object, where: str = "quality") -> Self:
-        """Read the JSON document; `where` is its key in the plan.
-
-        Raises:
-            InputError: a key is missing or unknown, or a value is not what it must be.
-        """
-        parts = fields(document, where, (*_FIGURES, "limits", "margins", "status", "notes"))
-        status = text(parts["status"], f"{where}.status")
-        if status not in tuple(Status):
-            raise InputError(f"{where}.status must be one of {', '.join(Status)}, got {status!r}")
-        if not isinstance(parts["notes"], list):
-            raise InputError(f"{where}.notes must be a list of texts, got {reprlib.repr(parts['notes'])}")
-        return cls(
-            **{name: number(parts[name], f"{where}.{name}") for name in _FIGURES},
-            limits=_optional_numbers(parts["limits"], f"{where}.limits"),
-            margins=_optional_numbers(parts["margins"], f"{where}.margins"),
-            status=Status(status),
-            notes=tuple(text(note, f"{where}.notes[{index}]") for index, note in enumerate(parts["notes"])),
-        )
-
-
-_FIGURES = ("tracking_rmse", "tracking_max", "pan_reach", "acceleration_max", "jerk_max", "sliding_share")
-
-
-def _optional_numbers(value: object, where: str) -> dict[str, float | None]:
-    parts = fields(value, where, tuple(LIMITED))
-    return {name: None if part is None else number(part, f"{where}.{name}") for name, part in parts.items()}
-
-
-def assess(
-    command_position: FloatArray,
-    pan_acceleration: FloatArray,
-    pan_position: FloatArray,
-    object_velocity: FloatArray,
-    object_position: FloatArray,
-    dt: float,
-    limits: Mapping[str, float | None],
-    found: Mapping[str, tuple[float, str]],
-    trained_on: Mapping[str, tuple[float, float]],
-) -> Quality:
-    """Judge a plan.
-
-    Args:
-        command_position: (K, 2) where the object should be (m).
-        pan_acceleration: (K, 2) (m/s^2).
-        pan_position: (K, 2) relative to where the pan began (m).
-        object_velocity: (K, 2) predicted (m/s).
-        object_position: (K, 2) predicted (m).
-        dt: sampling interval (s).
-        limits: the limits that hold, by the names in LIMITED; None where there is none.
-        found: by the names in `trained_on`, what the command and the friction are, and the unit.
-        trained_on: the lowest and highest value the model was trained on.
-    """
-    rmse, worst = tracking_error(object_position, command_position)
-    figures = {
-        "tracking_rmse": rmse,
-        "tracking_max": worst,
-        "pan_reach": float(_lengths(pan_position).max()),
-        "acceleration_max": float(_lengths(pan_acceleration).max()),
-        "jerk_max": float(_lengths(np.diff(pan_acceleration, axis=0)).max(initial=0.0)) / dt,
-        "sliding_share": float(np.mean(object_velocity.any(axis=1))),
-    }
-    margins: dict[str, float | None] = {}
-    exceeded = []
-    for name, (figure, unit) in LIMITED.items():
-        limit, value = limits[name], figures[figure]
-        margins[name] = None if limit is None else limit - value
-        if limit is not None and value > limit * (1.0 + LIMIT_ROUNDING):
-            exceeded.append(f"{name.replace('_', ' ')} {value:.4g} {unit} exceeds the limit of {limit:g} {unit}")
-    beyond = []
-    for name, (low, high) in trained_on.items():
-        value, unit = found[name]
-        if not low <= value <= high:
-            unit = f" {unit}" if unit else ""
-            beyond.append(f"{name} {value:.4g}{unit} is outside the range trained on, {low:g} to {high:g}{unit}")
-    status = Status.LIMIT_EXCEEDED if exceeded else Status.BEYOND_TRAINING_RANGE if beyond else Status.OK
-    return Quality(**figures, limits=dict(limits), margins=margins, status=status, notes=(*exceeded, *beyond))
-
-
-def tracking_error(object_position: FloatArray, command_position: FloatArray) -> tuple[float, float]:
-    """Return the root mean square and the largest distance (m) between object and command, each (K, 2) (m)."""
-    error = _lengths(object_position - command_position)
-    return float(np.sqrt(np.mean(error * error))), float(error.max())
-
-
-def _lengths(vectors: FloatArray) -> FloatArray:
-    """Return the Euclidean lengths (n,) of (n, 2) vectors."""
-    return np.hypot(vectors[:, 0], vectors[:, 1])
 
 
 @dataclass(frozen=True, eq=False)

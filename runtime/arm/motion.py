@@ -6,7 +6,9 @@ import numpy as np
 
 from runtime.documents import FloatArray
 from runtime.friction import DT, Friction, integrate_pan, rollout
-from runtime.plan import Plan, assess
+from runtime.limits import NO_LIMITS
+from runtime.plan import Plan
+from runtime.quality import Record, assess
 
 
 def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_position: FloatArray | None = None) -> Plan:
@@ -30,6 +32,6 @@ def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_positio
         "object_velocity": sliding[:, 2:],
         "object_position": sliding[:, :2],
     }
-    limits = {"pan_reach": None, "acceleration": None}
-    quality = assess(**motion, dt=DT, limits=limits, found={}, trained_on={})
+    record = Record(**motion, asked=u, acceleration_before=u[0], dt=DT)
+    quality = assess(record, NO_LIMITS, found={}, trained_on={})
     return Plan(DT, name, "", friction, pan_velocity=pan[:, 2:], quality=quality, **motion)

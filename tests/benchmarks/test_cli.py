@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks import accuracy, cli, speed, training
+from benchmarks import accuracy, cli, control, speed, training
 from benchmarks.suite import FRICTION_GRID
 from benchmarks.targets import TARGETS, Target, judge
 from train.config import CONFIGURATIONS
@@ -37,6 +37,8 @@ def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time little, and train a small network: here only the form of the results counts."""
     for name in ("SINGLE_ROUNDS", "BATCH_ROUNDS", "LAW_ROUNDS", "PROCESS_ROUNDS"):
         monkeypatch.setattr(speed, name, 1)
+    for name, count in (("STEPS", 30), ("SHARE_ROUNDS", 2), ("START_ROUNDS", 1)):
+        monkeypatch.setattr(control, name, count)
     measure = training.measure
     monkeypatch.setattr(training, "measure", lambda: measure(CONFIGURATIONS["smoke"], rounds=1))
 
@@ -82,7 +84,7 @@ def test_accuracy_as_json_is_one_object_with_every_family(
 def test_speed_and_training_as_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
 ) -> None:
-    bench(monkeypatch, "--model", tiny_bundle, "--only", "speed", "--only", "training", "--json")
+    bench(monkeypatch, "--model", tiny_bundle, "--only", "speed", "--only", "control", "--only", "training", "--json")
     results = json.loads(capsys.readouterr().out)
     assert "accuracy" not in results
     assert set(results["speed"]) == {"single", "batch", "law", "slide_plan"}
@@ -91,6 +93,9 @@ def test_speed_and_training_as_json(
         assert planning["commands"] == commands
         assert planning["ratio_to_torch"] > 0.0
         assert set(planning["samples_per_second"]) == {"median", "p10", "p90", "count"}
+    assert results["control"]["step"]["count"] == 30
+    assert results["control"]["step"]["p50"] <= results["control"]["step"]["p99"] <= results["control"]["step"]["p999"]
+    assert 10e6 < results["control"]["memory"] < 1e9
     assert 0.0 < results["training"]["friction_share"] < 1.0
     assert results["training"]["samples"] == 1000
     assert [target["figure"] for target in results["targets"]] == [t.figure for t in TARGETS[3:]]

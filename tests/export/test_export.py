@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
+import sys
 
+import numpy as np
 import onnx
 import pytest
 import torch
 
 from export import bundle as bundle_module
 from export.bundle import export_bundle
+from export.cli import export_main
 from export.onnx_export import decoder_step_graph, encoder_graph
+from export.quantize import QuantizationError, quantize_bundle
 from export.verify import VerificationError, compare
 from runtime import Planner
 from runtime.bundle import Bundle
 from runtime.errors import FormatError, OutputError
+from runtime.limits import NO_LIMITS
 from train.config import load_config
 from train.trainer import Trainer, load_checkpoint, load_model
 
@@ -43,7 +48,7 @@ def test_bundle_and_network_agree_and_the_object_slides(run, tmp_path):
     assert agreement.acceleration <= 1e-3
     assert agreement.position <= 1e-5
     assert agreement.samples > 1000
-    plan = Planner(tmp_path / "bundle").plan(torch.zeros(500, 2).numpy())
+    plan = Planner(tmp_path / "bundle").plan(torch.zeros(500, 2).numpy(), limits=NO_LIMITS)
     assert plan.quality.sliding_share > 0
 
 
@@ -131,3 +136,50 @@ def test_bundle_is_replaced_by_a_new_one_and_nothing_else_is_left(run, tmp_path)
 def test_absent_checkpoint_is_refused(tmp_path):
     with pytest.raises(FormatError, match="no such checkpoint"):
         export_bundle(tmp_path / "nowhere", tmp_path / "bundle")
+
+
+def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_path):
+    export_bundle(run, tmp_path / "fp32")
+    quantized = quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    assert quantized.comparison.growth < 0.05
+    assert quantized.comparison.commands == 112
+    fp32, int8 = Planner(tmp_path / "fp32"), Planner(tmp_path / "int8")
+    manifest = int8.bundle.manifest
+    assert (manifest.precision, manifest.units) == ("int8", fp32.bundle.manifest.units)
+    assert manifest.evaluation["int8_growth"] == pytest.approx(quantized.comparison.growth, abs=1e-4)
+    assert sum(int8.bundle.sizes.values()) < 0.45 * sum(fp32.bundle.sizes.values())
+    position = 0.05 * np.sin(np.arange(300) / 100.0)[:, None] * [1.0, 0.5]
+    asked = [planner.plan(position, limits=NO_LIMITS).pan_acceleration[:100] for planner in (fp32, int8)]
+    assert 0.0 < np.abs(asked[0] - asked[1]).max() < 0.1 * np.abs(asked[0]).max()
+
+
+def test_int8_bundle_that_plans_worse_is_refused_and_not_written(run, tmp_path, monkeypatch):
+    export_bundle(run, tmp_path / "fp32")
+    monkeypatch.setattr("export.quantize.MAX_GROWTH", -1.0)
+    with pytest.raises(QuantizationError, match=r"mean tracking RMSE grows by .* over 112 commands"):
+        quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    assert [path.name for path in tmp_path.iterdir()] == ["fp32"]
+
+
+def test_int8_bundle_is_no_source_of_another(run, tmp_path):
+    export_bundle(run, tmp_path / "fp32")
+    quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    with pytest.raises(QuantizationError, match="is int8 already"):
+        quantize_bundle(tmp_path / "int8", tmp_path / "again")
+
+
+@pytest.mark.parametrize("from_bundle", [False, True])
+def test_program_writes_int8_from_a_run_or_a_bundle(run, tmp_path, monkeypatch, capsys, from_bundle):
+    source = run
+    if from_bundle:
+        source = tmp_path / "fp32"
+        export_bundle(run, source)
+    arguments = ["slide-export", str(source), "-o", str(tmp_path / "int8"), "--precision", "int8", "--json"]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit) as caught:
+        export_main()
+    assert not caught.value.code
+    document = json.loads(capsys.readouterr().out)
+    assert (document["agreement"] is None) == from_bundle
+    assert document["comparison"]["growth"] < 0.05
+    assert Bundle.load(tmp_path / "int8").manifest.precision == "int8"

@@ -36,7 +36,9 @@ def test_bundle_says_what_its_manifest_says(bundle_path: Path) -> None:
 def test_manifest_comes_back_the_same(bundle_path: Path) -> None:
     document = manifest_of(bundle_path)
     manifest = Manifest.from_dict(document)
-    assert manifest.to_dict() == document
+    assert manifest.to_dict() == document | {"limits": {"pan_reach": 100.0, "acceleration": 30.0, "jerk": 10_000.0}}
+    tight = document | {"limits": {"pan_reach": 0.1, "acceleration": 20.0, "jerk": 5000.0}}
+    assert Manifest.from_dict(tight).to_dict() == tight
     assert Manifest.from_dict(json.loads(json.dumps(manifest.to_dict()))) == manifest
     assert document["format"] == BUNDLE_FORMAT == "slide-bundle/1"
 

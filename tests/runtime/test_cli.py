@@ -77,18 +77,32 @@ def test_slide_plan_takes_friction(slide: Slide, bundle_path: Path, tmp_path: Pa
     assert Plan.load(path).friction == Friction(0.8, 0.5)
 
 
-def test_missed_limit_exits_1_in_one_line_with_the_plan_written(
-    slide: Slide, make_bundle: Callable[..., Path], tmp_path: Path
+def test_missed_tolerance_exits_1_in_one_line_with_the_plan_written(
+    slide: Slide, bundle_path: Path, tmp_path: Path
 ) -> None:
-    bundle, path = make_bundle(tmp_path / "bundle", pan_limit=0.001), tmp_path / "plan.json"
-    code, out, err = slide("slide-plan", EXAMPLE, "-o", path, "--model", bundle, "--json")
+    path = tmp_path / "plan.json"
+    code, out, err = slide("slide-plan", EXAMPLE, "-o", path, "--model", bundle_path, "--tolerance", "1e-6", "--json")
     assert code == 1
-    assert err.startswith("slide-plan: limit exceeded: pan reach ")
+    assert err.startswith("slide-plan: tolerance missed: tracking RMSE ")
     assert err.count("\n") == 1
-    assert json.loads(out)["quality"]["status"] == "limit_exceeded"
+    assert json.loads(out)["quality"]["status"] == "tolerance_missed"
     code, _, err = slide("slide-run", path)
     assert code == 1
-    assert err.startswith("slide-run: limit exceeded: pan reach ")
+    assert err.startswith("slide-run: tolerance missed: tracking RMSE ")
+
+
+def test_limits_can_be_tightened(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    options = ["--reach", "0.01", "--acceleration", "8", "--jerk", "2000"]
+    code, out, _ = slide(
+        "slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path, "--json", *options
+    )
+    quality = json.loads(out)["quality"]
+    assert code == 0
+    assert quality["limits"] == {"pan_reach": 0.01, "acceleration": 8.0, "jerk": 2000.0}
+    assert all(margin > -1e-9 for margin in quality["margins"].values())
+    assert quality["status"] == "governed"
+    code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path, "--jerk", "0")
+    assert (code, err) == (2, "slide-plan: error: limit jerk must be greater than 0 m/s^3, got 0 m/s^3\n")
 
 
 def test_command_beyond_the_training_is_a_warning(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:

@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from runtime import FormatError, Friction, OutputError, Plan, Quality, Status
-from runtime.friction import GRAVITY
-from runtime.plan import PLAN_FORMAT, assess
+from runtime.friction import DT, GRAVITY
+from runtime.limits import NO_LIMITS, UNITS, Limits
+from runtime.plan import PLAN_FORMAT
+from runtime.quality import FRICTION_STEP, Changes, FrictionRange, Record, assess, friction_range
 
 ARRAYS = (
     "command_position",
@@ -27,7 +29,9 @@ ARRAYS = (
 )
 finite = st.floats(allow_nan=False, allow_infinity=False)
 printable = st.text(st.characters(exclude_categories=["C", "Z"]), max_size=20)
-optional_limits = st.fixed_dictionaries({"pan_reach": st.none() | finite, "acceleration": st.none() | finite})
+optional_limits = st.fixed_dictionaries(dict.fromkeys(UNITS, st.none() | finite))
+changes = st.builds(Changes, st.integers(0, 10**6), finite, finite)
+friction_ranges = st.builds(FrictionRange, finite, *[st.none() | finite] * 4)
 
 
 @st.composite
@@ -41,6 +45,9 @@ def plans(draw: st.DrawFn) -> Plan:
         margins=draw(optional_limits),
         status=draw(st.sampled_from(Status)),
         notes=tuple(draw(st.lists(printable, max_size=3))),
+        worst=draw(optional_limits),
+        governed=draw(st.none() | changes),
+        friction=draw(st.none() | friction_ranges),
     )
     return Plan(
         dt=draw(st.floats(1e-6, 1.0)),
@@ -148,7 +155,11 @@ def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("object.speed", 0.0, "object: unknown key 'speed'"),
         ("quality.tracking_rmse", ..., "quality: missing key 'tracking_rmse'"),
         ("quality.pan_reach", "far", "quality.pan_reach must be a number"),
-        ("quality.status", "fine", "quality.status must be one of ok, beyond_training_range, limit_exceeded"),
+        (
+            "quality.status",
+            "fine",
+            "quality.status must be one of ok, governed, beyond_training_range, tolerance_missed",
+        ),
         ("quality.status", ["ok"], "quality.status must be printable text"),
         ("quality.notes", "fine", "quality.notes must be a list"),
         ("quality.notes", [1], r"quality.notes\[0\] must be printable text"),
@@ -252,20 +263,25 @@ def test_save_into_what_cannot_hold_it_is_an_output_error(plan: Plan, tmp_path: 
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.json"]
 
 
-def judge(**changes: Any) -> Quality:
+def judge(limits: Limits | None = None, far: float = 0.1, static: float = 1.0, **changed: Any) -> Quality:
     """Assess three samples whose figures are easy to tell."""
+    u = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 2.0]])
     arguments: dict[str, Any] = {
         "command_position": np.zeros((3, 2)),
-        "pan_acceleration": np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 2.0]]),
+        "pan_acceleration": u,
+        "asked": u,
         "pan_position": np.array([[0.0, 0.0], [0.06, 0.08], [0.0, -0.02]]),
         "object_velocity": np.array([[0.0, 0.0], [0.0, 1e-300], [0.0, 0.0]]),
         "object_position": np.array([[0.0, 0.0], [0.003, 0.004], [0.0, 0.001]]),
+        "acceleration_before": np.zeros(2),
         "dt": 0.001,
-        "limits": {"pan_reach": 0.2, "acceleration": None},
-        "found": {"reach": (0.1, "m"), "static": (1.0, "")},
-        "trained_on": {"reach": (0.02, 0.13), "static": (0.5, 1.4)},
     }
-    return assess(**(arguments | changes))
+    return assess(
+        Record(**(arguments | changed)),
+        limits or Limits(0.2, 30.0, 10_000.0),
+        found={"reach": (far, "m"), "static": (static, "")},
+        trained_on={"reach": (0.02, 0.13), "static": (0.5, 1.4)},
+    )
 
 
 def test_quality_figures() -> None:
@@ -276,37 +292,87 @@ def test_quality_figures() -> None:
     assert quality.acceleration_max == pytest.approx(5.0)
     assert quality.jerk_max == pytest.approx(5000.0)
     assert quality.sliding_share == pytest.approx(1 / 3)
-    assert quality.margins == {"pan_reach": pytest.approx(0.1), "acceleration": None}
-    assert (quality.status, quality.notes) == (Status.OK, ())
+    assert quality.margins == {"pan_reach": pytest.approx(0.1), "acceleration": 25.0, "jerk": 5000.0}
+    assert quality.worst == {"pan_reach": 1, "acceleration": 1, "jerk": 1}
+    assert (quality.status, quality.notes, quality.governed) == (Status.OK, (), Changes(0, 0.0, 0.0))
 
 
-def test_one_sample_has_no_jerk() -> None:
-    one = {
-        name: np.ones((1, 2))
-        for name in ("command_position", "pan_acceleration", "pan_position", "object_velocity", "object_position")
-    }
-    assert judge(**one).jerk_max == 0.0
+def test_jerk_counts_from_the_sample_before_the_first() -> None:
+    quality = judge(acceleration_before=np.array([-6.0, 0.0]))
+    assert quality.jerk_max == pytest.approx(6000.0)
+    assert quality.worst["jerk"] == 0
+
+
+def test_without_limits_there_is_no_margin_and_nothing_to_pass() -> None:
+    quality = judge(limits=NO_LIMITS)
+    assert quality.limits == quality.margins == dict.fromkeys(UNITS)
+    assert quality.status is Status.OK
 
 
 def test_passed_limit_is_the_status_and_the_first_note() -> None:
-    quality = judge(limits={"pan_reach": 0.08, "acceleration": 4.0}, found={"reach": (0.2, "m"), "static": (1.0, "")})
+    quality = judge(limits=Limits(0.08, 4.0, 4000.0), far=0.2)
     assert quality.status is Status.LIMIT_EXCEEDED
-    assert quality.margins == {"pan_reach": pytest.approx(-0.02), "acceleration": pytest.approx(-1.0)}
+    assert quality.margins == pytest.approx({"pan_reach": -0.02, "acceleration": -1.0, "jerk": -1000.0})
     assert quality.notes == (
         "pan reach 0.1 m exceeds the limit of 0.08 m",
         "acceleration 5 m/s^2 exceeds the limit of 4 m/s^2",
+        "jerk 5000 m/s^3 exceeds the limit of 4000 m/s^3",
         "reach 0.2 m is outside the range trained on, 0.02 to 0.13 m",
     )
 
 
-def test_float32_rounding_at_the_bound_is_no_passed_limit() -> None:
-    bound = 5.0 * (1.0 - 5e-7)
-    assert judge(limits={"pan_reach": None, "acceleration": bound}).status is Status.OK
-    assert judge(limits={"pan_reach": None, "acceleration": 4.999}).status is Status.LIMIT_EXCEEDED
+def test_rounding_at_the_bound_is_no_passed_limit() -> None:
+    assert judge(limits=Limits(acceleration=5.0 * (1.0 - 5e-7))).status is Status.OK
+    assert judge(limits=Limits(acceleration=4.999)).status is Status.LIMIT_EXCEEDED
 
 
 def test_command_or_friction_beyond_the_training_is_a_warning() -> None:
-    far = judge(found={"reach": (0.2, "m"), "static": (1.0, "")})
-    assert far.status is Status.BEYOND_TRAINING_RANGE
-    slippery = judge(found={"reach": (0.1, "m"), "static": (0.1, "")})
-    assert slippery.notes == ("static 0.1 is outside the range trained on, 0.5 to 1.4",)
+    assert judge(far=0.2).status is Status.BEYOND_TRAINING_RANGE
+    assert judge(static=0.1).notes == ("static 0.1 is outside the range trained on, 0.5 to 1.4",)
+
+
+def test_what_the_governor_changed_is_counted() -> None:
+    quality = judge(asked=np.array([[0.0, 0.0], [3.0, 4.0 + 1e-6], [3.0, 5.0]]))
+    assert quality.governed == Changes(1, 3.0, 3.0)
+    assert quality.status is Status.GOVERNED
+    assert quality.notes == ("the governor changed 1 sample, by 3 m/s^2 on the mean, 3 at most",)
+    assert judge(asked=np.full((3, 2), 9.0), far=0.2).status is Status.BEYOND_TRAINING_RANGE
+
+
+def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> None:
+    u = plan.pan_acceleration
+    record = Record(plan.object_position, u, u, plan.pan_position, plan.object_velocity, plan.object_position, u[0], DT)
+    trained_on = {"static": (0.5, 1.4), "kinetic": (0.3, 0.7)}
+    tolerance = 2e-3
+    found = friction_range(record, plan.friction, tolerance, trained_on)
+
+    def holds(static: float, kinetic: float) -> bool:
+        error = plan.replay(Friction(static, kinetic))[:, :2] - plan.object_position
+        return bool(np.sqrt(np.mean(np.sum(error * error, axis=1))) <= tolerance)
+
+    assert found.static_low is not None
+    assert found.kinetic_high is not None
+    assert found.static_low <= plan.friction.static <= (found.static_high or 0.0)
+    assert (found.kinetic_low or 9.0) <= plan.friction.kinetic <= found.kinetic_high
+    for static in (found.static_low, found.static_high):
+        assert holds(static, plan.friction.kinetic)
+    for kinetic in (found.kinetic_low, found.kinetic_high):
+        assert holds(plan.friction.static, kinetic)
+    assert found.static_low < 0.52 or not holds(found.static_low - FRICTION_STEP, plan.friction.kinetic)
+    assert found.kinetic_high > 0.68 or not holds(plan.friction.static, found.kinetic_high + FRICTION_STEP)
+    nowhere = friction_range(record._replace(command_position=u), plan.friction, tolerance, trained_on)
+    assert nowhere == FrictionRange(tolerance, None, None, None, None)
+
+
+def test_plan_of_before_the_governor_is_still_read(plan: Plan) -> None:
+    document = plan.to_dict()
+    quality = document["quality"]
+    for name in ("worst", "governed", "friction"):
+        del quality[name]
+    for name in ("limits", "margins"):
+        quality[name] = {"pan_reach": 0.2, "acceleration": None}
+    quality["status"] = "limit_exceeded"
+    old = Plan.from_dict(document).quality
+    assert old.limits == {"pan_reach": 0.2, "acceleration": None, "jerk": None}
+    assert (old.governed, old.friction, old.worst) == (None, None, dict.fromkeys(UNITS))
+    assert old.status is Status.LIMIT_EXCEEDED

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Status
 from runtime.friction import BATCHED_FROM, integrate_pan, rollout
+from runtime.limits import NO_LIMITS
 
 Curve = Callable[..., NDArray[np.float64]]
 MakeBundle = Callable[..., Path]
@@ -95,6 +96,47 @@ def test_planning_does_not_depend_on_where_the_command_starts(planner: Planner, 
     np.testing.assert_allclose(shifted.object_position, plan.object_position + shift, atol=1e-6)
 
 
+def test_long_command_is_planned_by_windows_as_its_parts_are(planner: Planner, make_curve: Curve) -> None:
+    # The tiny bundle is said to be trained on 1500 samples: the second window begins after 1200.
+    position = make_curve(4000)
+    plan = planner.plan(position)
+    first = planner.plan(position[:1500])
+    for name in ARRAYS:
+        # Not to the last bit: where the short command ends, its last velocity is a one-sided difference.
+        np.testing.assert_allclose(getattr(plan, name)[:1200], getattr(first, name)[:1200], atol=1e-3)
+    stream = planner.stream(position)
+    u = [stream.step(plan_states(plan.pan_position, plan.pan_velocity, 0), object_states(plan, 0))]
+    for n in range(1, 30):
+        u.append(stream.step(plan_states(plan.pan_position, plan.pan_velocity, n), object_states(plan, n)))
+    np.testing.assert_array_equal(np.concatenate(u), plan.pan_acceleration[:3000])
+
+
+def test_windows_of_a_long_command_read_no_more_than_was_trained_on(
+    planner: Planner, make_curve: Curve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[int] = []
+    encode = type(planner.bundle).encode
+    monkeypatch.setattr(type(planner.bundle), "encode", lambda self, x: read.append(x.shape[1]) or encode(self, x))
+    planner.plan(make_curve(1500))
+    assert read == [15]
+    read.clear()
+    plan = planner.plan(make_curve(60_000))
+    assert set(read[:-1]) == {15}
+    assert read[-1] <= 15
+    assert len(plan) == 60_000
+    assert min(value for value in plan.quality.margins.values() if value is not None) > -1e-9
+
+
+def plan_states(position: NDArray[np.float64], velocity: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    """Return the C states before chunk n: the start C times before the first."""
+    states = np.hstack([position, velocity])
+    return np.tile(states[0], (100, 1)) if n == 0 else states[100 * n - 99 : 100 * n + 1]
+
+
+def object_states(plan: Plan, n: int) -> NDArray[np.float64]:
+    return plan_states(plan.object_position, plan.object_velocity, n)
+
+
 def test_friction_is_the_manifests_unless_given(planner: Planner, make_curve: Curve) -> None:
     position = make_curve(600)
     assert planner.plan(position).friction == Friction(1.0, 0.5)
@@ -162,7 +204,7 @@ def test_bad_friction_is_an_input_error(planner: Planner) -> None:
         planner.plan(rest, wrong)
     with pytest.raises(InputError, match="friction must be a Friction"):
         planner.plan_batch([rest], 1.0)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="one for all or one for each: 2 for 1"):
+    with pytest.raises(InputError, match="friction must be one for all or one for each: 2 for 1"):
         planner.plan_batch([rest], [Friction(), Friction()])
 
 
@@ -186,57 +228,13 @@ def test_decoder_that_sees_no_command_plans_too(
 
 
 def test_limits_and_ranges_come_from_the_manifest(make_bundle: MakeBundle, make_curve: Curve, tmp_path: Path) -> None:
-    planner = Planner(make_bundle(tmp_path / "a", pan_limit=1e-3, acceleration_bound=1e-3))
+    planner = Planner(make_bundle(tmp_path / "a", pan_limit=1e-3, acceleration_bound=1.0))
     quality = planner.plan(make_curve(600)).quality
-    assert quality.status is Status.LIMIT_EXCEEDED
-    assert quality.limits == {"pan_reach": 1e-3, "acceleration": 1e-3}
-    assert len(quality.notes) == 2
+    assert quality.status is Status.GOVERNED
+    assert quality.limits == {"pan_reach": 1e-3, "acceleration": 1.0, "jerk": 10_000.0}
     trained_on = {"static": [1, 1], "kinetic": [0.5, 0.5], "reach": [0, 0.01], "speed": [0, 0.05], "samples": [1, 500]}
     planner = Planner(make_bundle(tmp_path / "b", trained_on=trained_on))
     quality = planner.plan(make_curve(600), Friction(0.9, 0.4)).quality
     assert quality.status is Status.BEYOND_TRAINING_RANGE
-    assert [note.split()[0] for note in quality.notes] == ["static", "kinetic", "reach", "speed", "samples"]
-    assert planner.plan(np.zeros((100, 2))).quality.status is Status.OK
-
-
-def test_stream_fed_with_the_prediction_gives_the_plan(planner: Planner, make_curve: Curve) -> None:
-    position = make_curve(500)
-    plan = planner.plan(position)
-    pan = np.hstack([plan.pan_position, plan.pan_velocity])
-    sliding = np.hstack([plan.object_position, plan.object_velocity])
-    stream = planner.stream(position)
-    u = stream.step(np.tile(pan[0], (100, 1)), np.tile(sliding[0], (100, 1)))
-    np.testing.assert_array_equal(u, plan.pan_acceleration[:100])
-    for n in range(1, 5):
-        rows = slice(100 * n - 99, 100 * n + 1)
-        u = stream.step(pan[rows], sliding[rows])
-        np.testing.assert_array_equal(u, plan.pan_acceleration[100 * n : 100 * n + 100])
-
-
-def test_stream_reacts_to_what_is_measured_and_outlives_its_command(planner: Planner, make_curve: Curve) -> None:
-    position = make_curve(150)
-    start = np.tile([*position[0], 0.0, 0.0], (100, 1))
-    one, other = planner.stream(position), planner.stream(position)
-    first = one.step(np.zeros((100, 4)), start)
-    assert not np.array_equal(first, other.step(np.zeros((100, 4)), start + np.array([0.01, 0.0, 0.0, 0.0])))
-    for _ in range(8):
-        assert np.isfinite(one.step(np.zeros((100, 4)), start)).all()
-
-
-@pytest.mark.parametrize(
-    ("bad", "message"),
-    [
-        (np.zeros((99, 4)), r"\(100, 4\) numbers, got float64 of the shape \(99, 4\)"),
-        (np.full((100, 4), "a"), r"\(100, 4\) numbers, got <U1"),
-        ([[0.0], [0.0, 0.0]], r"\(100, 4\) numbers"),
-        (np.where(np.arange(400).reshape(100, 4) == 5, np.nan, 0.0), r"\[1, 1\]: nan is not a finite number"),
-    ],
-)
-def test_bad_measurement_is_an_input_error_and_changes_nothing(planner: Planner, bad: Any, message: str) -> None:
-    stream, untouched = planner.stream(np.zeros((200, 2))), planner.stream(np.zeros((200, 2)))
-    rest = np.zeros((100, 4))
-    with pytest.raises(InputError, match=f"pan_state.*{message}"):
-        stream.step(bad, rest)
-    with pytest.raises(InputError, match=f"object_state.*{message}"):
-        stream.step(rest, bad)
-    np.testing.assert_array_equal(stream.step(rest, rest), untouched.step(rest, rest))
+    assert [note.split()[0] for note in quality.notes[:5]] == ["static", "kinetic", "reach", "speed", "samples"]
+    assert planner.plan(np.zeros((100, 2)), limits=NO_LIMITS).quality.status is Status.OK

@@ -18,10 +18,12 @@ import pytest
 from runtime.documents import FloatArray
 from runtime.errors import InputError, OutputError
 from runtime.friction import DT, GRAVITY, Friction, integrate_pan, rollout
-from runtime.plan import Plan, assess
+from runtime.limits import Limits
+from runtime.plan import Plan
+from runtime.quality import Record, assess
 from runtime.report import MAX_SAMPLES, Track, render_report, slip_phases, write_report
 
-LIMITS = {"pan_reach": 0.2, "acceleration": 30.0}
+LIMITS = Limits(jerk=50_000.0)
 HOSTILE = "</script><script>document.title='taken'</script><!-- <b>&amp;\u2028@@REPORT@@"
 RESOLUTION = 0.5e-6 * (1 + 1e-9)
 """Half of the last decimal kept (m, m/s, m/s^2)."""
@@ -40,7 +42,8 @@ def shaken_plan(samples: int = 700, friction: Friction | None = None) -> Plan:
     pan = np.concatenate([rest, integrate_pan(rest[0], u[:-1])])
     command = np.stack([0.05 * np.sin(k / 150), 0.03 * np.cos(k / 120) - 0.03], axis=1)
     p, v = sliding[:, :2], sliding[:, 2:]
-    quality = assess(command, u, pan[:, :2], v, p, DT, LIMITS, found={}, trained_on={})
+    record = Record(command, u, u, pan[:, :2], v, p, u[0], DT)
+    quality = assess(record, LIMITS, found={}, trained_on={})
     return Plan(DT, "shaken", "ab" * 32, friction, command, u, pan[:, 2:], pan[:, :2], v, p, quality)
 
 
@@ -286,7 +289,7 @@ def test_a_browser_draws_the_page_at_the_time_asked_for(plan: Plan, tmp_path: Pa
 def test_a_browser_draws_the_odd_plans_too(plan: Plan, tmp_path: Path, case: str) -> None:
     still = np.zeros_like(plan.object_position)
     unmoved = replace(plan, pan_position=still, object_position=still, object_velocity=still)
-    no_limits = {"pan_reach": None, "acceleration": None}
+    no_limits = {"pan_reach": None, "acceleration": None, "jerk": None}
     odd = {
         "one sample": lambda: shaken_plan(1),
         "never moves": lambda: unmoved,

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import torch
 
+from runtime.adjoint import ADJOINT_SPEED_FLOOR, slide_step_adjoint
 from runtime.friction import DT, GRAVITY, Friction, integrate_pan, slide_step
 from runtime.friction import rollout as rollout_python
-from train.rollout import ADJOINT_SPEED_FLOOR, rollout, slide_step_adjoint
+from train.rollout import rollout
 
 
 def limits(static, kinetic, batch):

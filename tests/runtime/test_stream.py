@@ -1,0 +1,345 @@
+"""The planner inside a controller: measured states, missing ones, the stop, and what never happens."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from runtime import BundleError, ConcurrentUseError, Friction, InputError, Limits, Planner, Start, Stream, StreamStatus
+from runtime.friction import DT, integrate_pan, rollout
+from runtime.limits import NO_LIMITS
+
+Array = NDArray[np.float64]
+Curve = Callable[..., Array]
+
+LIMITS = Limits(0.05, 20.0, 5000.0)
+TOLERANCE = 1e-9
+CHUNK = 100
+HAPPENINGS = ("seen", "noisy", "none", "nan", "late", "huge")
+
+
+class Plant:
+    """Pan and object under the law: what a controller would measure if nothing disturbed them.
+
+    Attributes:
+        pan, sliding: (n, 4) every state so far, the start C times before them.
+        u: (n, 2) the acceleration that led to each.
+    """
+
+    def __init__(self, start: Start, mark: Array, friction: Friction | None = None) -> None:
+        self.friction = friction or Friction()
+        self.pan = np.tile(start.pan_state(), (CHUNK, 1))
+        self.sliding = np.tile(start.object_state(mark), (CHUNK, 1))
+        self.u = np.tile(start.pan_acceleration, (CHUNK, 1))
+
+    def seen(self, late: int = 0) -> tuple[Array, Array]:
+        """Return the C states of pan and object up to `late` samples ago."""
+        end = len(self.pan) - late
+        return self.pan[end - CHUNK : end], self.sliding[end - CHUNK : end]
+
+    def move(self, u: Array) -> None:
+        self.pan = np.concatenate([self.pan, integrate_pan(self.pan[-1], u)])
+        self.sliding = np.concatenate([self.sliding, rollout(self.sliding[-1], u, self.friction)])
+        self.u = np.concatenate([self.u, u])
+
+    def check(self, limits: Limits) -> None:
+        assert np.hypot(*self.u.T).max() <= limits.acceleration + TOLERANCE
+        assert np.hypot(*np.diff(self.u, axis=0).T).max() <= limits.jerk * DT + TOLERANCE
+        assert np.hypot(*self.pan[:, :2].T).max() <= limits.pan_reach + TOLERANCE
+
+
+@pytest.fixture
+def stream(planner: Planner, make_curve: Curve) -> Stream:
+    return planner.stream(make_curve(1000), limits=LIMITS)
+
+
+@pytest.fixture
+def plant(make_curve: Curve) -> Plant:
+    return Plant(Start(), make_curve(1000)[0])
+
+
+def test_stream_fed_with_the_prediction_gives_the_plan(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(500)
+    plan = planner.plan(position, limits=LIMITS)
+    assert plan.quality.governed is not None
+    assert plan.quality.governed.samples > 0
+    stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
+    for _ in range(5):
+        plant.move(stream.step(*plant.seen()))
+        assert stream.status is StreamStatus.FOLLOWING
+    np.testing.assert_array_equal(plant.u[CHUNK:], plan.pan_acceleration)
+
+
+@pytest.mark.parametrize("late", [0, 1, 40, 100])
+def test_last_state_even_late_is_enough_where_nothing_disturbs(planner: Planner, make_curve: Curve, late: int) -> None:
+    position = make_curve(500)
+    plan = planner.plan(position, limits=LIMITS)
+    for rows in (slice(None), -1):
+        stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
+        plant.move(stream.step())
+        for _ in range(4):
+            pan, sliding = plant.seen(late)
+            plant.move(stream.step(pan[rows], sliding[rows], age=late * DT))
+            assert stream.status is StreamStatus.FOLLOWING
+        np.testing.assert_allclose(plant.u[CHUNK:], plan.pan_acceleration, atol=1e-3)
+
+
+def test_stream_outlives_its_command(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(150)
+    stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
+    for _ in range(8):
+        plant.move(stream.step(*plant.seen()))
+    plant.check(LIMITS)
+
+
+def test_stream_reacts_to_what_is_measured(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(300)
+    one, other = planner.stream(position), planner.stream(position)
+    pan, sliding = Plant(Start(), position[0]).seen()
+    first = one.step(pan, sliding)
+    assert not np.array_equal(first, other.step(pan, sliding + np.array([0.01, 0.0, 0.0, 0.0])))
+
+
+@pytest.mark.parametrize("missing", ["none", "nan", "old", "future", "stale", "object only"])
+def test_what_is_missing_is_predicted_for_a_chunk_and_then_braked_until_reset(
+    stream: Stream, plant: Plant, missing: str
+) -> None:
+    def step() -> Array:
+        pan, sliding = plant.seen()
+        states: dict[str, tuple[Any, ...]] = {
+            "none": (None, None),
+            "nan": (np.full((CHUNK, 4), np.nan), sliding),
+            "old": (pan, sliding, 0.2),
+            "future": (pan, sliding, -0.1),
+            "stale": last,
+            "object only": (pan, None),
+        }
+        return stream.step(*states[missing])
+
+    for _ in range(3):
+        last = plant.seen()
+        plant.move(stream.step(*last))
+    plant.move(step())
+    assert stream.status is StreamStatus.PREDICTED
+    for _ in range(3):
+        plant.move(step())
+        assert stream.status is StreamStatus.BRAKING
+    np.testing.assert_allclose(plant.pan[-1, 2:], 0.0, atol=TOLERANCE)
+    plant.move(stream.step(*plant.seen()))  # what is measured does not wake it
+    assert stream.status is StreamStatus.BRAKING
+    assert not plant.u[-CHUNK:].any()
+    pan, sliding = plant.seen()
+    stream.reset(Start(tuple(pan[-1, :2]), object_position=tuple(sliding[-1, :2])))
+    plant.move(stream.step(pan, sliding))
+    assert stream.status is StreamStatus.FOLLOWING
+    plant.check(LIMITS)
+
+
+def test_every_other_chunk_unseen_is_the_plan_where_nothing_disturbs(planner: Planner, make_curve: Curve) -> None:
+    position = make_curve(800)
+    plan = planner.plan(position, limits=LIMITS)
+    stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
+    for n in range(8):
+        plant.move(stream.step(*(plant.seen() if n % 2 else (None, None))))
+        assert stream.status is not StreamStatus.BRAKING
+    np.testing.assert_array_equal(plant.u[CHUNK:], plan.pan_acceleration)
+
+
+def test_network_that_fails_is_braked_and_raises_nothing(
+    stream: Stream, plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for _ in range(2):
+        plant.move(stream.step(*plant.seen()))
+
+    def fail(*_: Any) -> None:
+        raise BundleError("no finite number")
+
+    monkeypatch.setattr("runtime.stream.decode_step", fail)
+    for _ in range(2):
+        plant.move(stream.step(*plant.seen()))
+        assert stream.status is StreamStatus.BRAKING
+    np.testing.assert_allclose(plant.pan[-1, 2:], 0.0, atol=TOLERANCE)
+    plant.check(LIMITS)
+
+
+def test_pushed_pan_goes_no_farther_than_its_stop_needs_and_keeps_acceleration_and_jerk(
+    stream: Stream, plant: Plant
+) -> None:
+    for _ in range(3):
+        plant.move(stream.step(*plant.seen()))
+    plant.pan[-1] = [0.06, 0.0, 0.3, 0.0]
+    for n in range(6):
+        plant.move(stream.step(*plant.seen()))
+        assert (stream.status is StreamStatus.OUTSIDE) or n > 0
+    plant.check(Limits(0.06 + 0.3**2 / 20.0 + 0.3 * 0.01, LIMITS.acceleration, LIMITS.jerk))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.lists(st.tuples(st.sampled_from(HAPPENINGS), st.integers(0, 2**32)), max_size=8))
+def test_limits_hold_whatever_is_measured(
+    planner: Planner, make_curve: Curve, happenings: list[tuple[str, int]]
+) -> None:
+    position = make_curve(600)
+    stream = planner.stream(position, limits=LIMITS)
+    before, plant = np.zeros((1, 2)), Plant(Start(), position[0])
+    for kind, seed in happenings:
+        noise = np.random.default_rng(seed).standard_normal((2, CHUNK, 4)) * [0.001, 0.001, 0.01, 0.01]
+        pan, sliding = plant.seen()
+        states: dict[str, tuple[Any, ...]] = {
+            "seen": (pan, sliding),
+            "noisy": (pan + noise[0], sliding + noise[1]),
+            "none": (),
+            "nan": (pan, sliding * np.nan),
+            "late": (pan, sliding, 0.03),
+            "huge": (pan * 1e6 + noise[0] * 1e9, sliding + noise[1] * 1e9),
+        }
+        u = stream.step(*states[kind])
+        assert np.hypot(*u.T).max() <= LIMITS.acceleration + TOLERANCE
+        assert np.hypot(*np.diff(np.concatenate([before, u]), axis=0).T).max() <= LIMITS.jerk * DT + TOLERANCE
+        before = u[-1:]
+        plant.move(u)
+
+
+def test_brake_is_a_stop_from_any_sample(stream: Stream, plant: Plant) -> None:
+    for n in range(4):
+        plant.move(stream.step(*plant.seen()))
+        for sample in (0, 1, 37, 99, 100):
+            u = stream.brake(sample)
+            stopping = Plant(Start(), np.zeros(2))
+            given_ = len(plant.u) - CHUNK + sample
+            stopping.pan, stopping.sliding, stopping.u = plant.pan[:given_], plant.sliding[:given_], plant.u[:given_]
+            stopping.move(u)
+            stopping.check(LIMITS)
+            np.testing.assert_allclose(stopping.pan[-1, 2:], 0.0, atol=TOLERANCE)
+            assert not u[-1].any()
+        assert n < 3 or np.hypot(*plant.u.T).max() > 1.0
+
+
+def test_brake_changes_nothing(planner: Planner, make_curve: Curve) -> None:
+    one, other = planner.stream(make_curve(300)), planner.stream(make_curve(300))
+    one.brake(50)
+    np.testing.assert_array_equal(one.step(), other.step())
+    one.brake(50)
+    np.testing.assert_array_equal(one.step(), other.step())
+
+
+def test_retarget_follows_another_command_from_where_things_are(
+    planner: Planner, make_curve: Curve, stream: Stream, plant: Plant
+) -> None:
+    for _ in range(3):
+        plant.move(stream.step(*plant.seen()))
+    other = make_curve(500, 9)
+    stream.retarget(other)
+    with pytest.raises(InputError, match="1 sample"):
+        stream.retarget(np.zeros((1, 2)))
+    pan, sliding = plant.seen()
+    fresh = planner.stream(
+        other,
+        limits=LIMITS,
+        start=Start(
+            tuple(pan[-1, :2]), tuple(pan[-1, 2:]), tuple(plant.u[-1]), tuple(sliding[-1, :2]), tuple(sliding[-1, 2:])
+        ),
+    )
+    for _ in range(3):
+        u = stream.step(*plant.seen())
+        np.testing.assert_array_equal(u, fresh.step(*plant.seen()))
+        plant.move(u)
+    plant.check(LIMITS)
+
+
+def test_second_thread_is_refused(stream: Stream) -> None:
+    entered, leave = threading.Event(), threading.Event()
+    refused: list[Exception] = []
+
+    class Slow:
+        """A state that takes its time to be read."""
+
+        def __array__(self, *_: Any, **__: Any) -> Array:
+            entered.set()
+            assert leave.wait(10.0)
+            return np.zeros((CHUNK, 4))
+
+    worker = threading.Thread(target=lambda: stream.step(Slow()))  # type: ignore[arg-type]
+    worker.start()
+    assert entered.wait(10.0)
+    for call in (stream.step, lambda: stream.brake(0), lambda: stream.reset(Start())):
+        try:
+            call()
+        except ConcurrentUseError as error:
+            refused.append(error)
+    leave.set()
+    worker.join()
+    assert [str(error).split(";")[0] for error in refused] == ["the stream is in use by another thread"] * 3
+    stream.step(np.zeros((CHUNK, 4)))
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (np.zeros((99, 4)), r"\(100, 4\) numbers, the last states, or \(4,\), .* got float64 of the shape \(99, 4\)"),
+        (np.zeros(3), r"got float64 of the shape \(3,\)"),
+        (np.full((100, 4), "a"), "got <U1"),
+        ([[0.0], [0.0, 0.0]], "inhomogeneous"),
+    ],
+)
+def test_state_of_another_shape_is_an_input_error_and_changes_nothing(planner: Planner, bad: Any, message: str) -> None:
+    stream, untouched = planner.stream(np.zeros((200, 2))), planner.stream(np.zeros((200, 2)))
+    rest = np.zeros((CHUNK, 4))
+    with pytest.raises(InputError, match=f"pan_state.*{message}"):
+        stream.step(bad, rest)
+    with pytest.raises(InputError, match=f"object_state.*{message}"):
+        stream.step(rest, bad)
+    with pytest.raises(InputError, match="age must be a number"):
+        stream.step(rest, rest, "now")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="whole number from 0 to 100, got 101"):
+        stream.brake(101)
+    np.testing.assert_array_equal(stream.step(rest, rest), untouched.step(rest, rest))
+
+
+def test_stream_without_limits_is_refused(planner: Planner) -> None:
+    with pytest.raises(InputError, match="finite limits"):
+        planner.stream(np.zeros((200, 2)), limits=NO_LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        (Start(pan_position=(0.3, 0.0)), r"the pan is 0.3 m from its centre, its reach is 0.2 m"),
+        (Start(pan_position=(0.19, 0.0), pan_velocity=(1.0, 0.0)), "0.19 m from its centre at 1 m/s, cannot be sure"),
+        (Start(pan_acceleration=(0.0, 31.0)), r"pan acceleration 31 m/s\^2 exceeds the limit, 30 m/s\^2"),
+    ],
+)
+def test_start_that_cannot_keep_the_limits_is_refused_with_the_numbers(
+    planner: Planner, start: Start, message: str
+) -> None:
+    for use in (planner.plan, planner.stream):
+        with pytest.raises(InputError, match=message):
+            use(np.zeros((200, 2)), limits=Limits(), start=start)
+
+
+def test_start_must_be_finite_pairs() -> None:
+    with pytest.raises(InputError, match=r"start pan_velocity\[1\]: nan is not a finite number"):
+        Start(pan_velocity=(0.0, float("nan")))
+    with pytest.raises(InputError, match="start object_position must be a pair"):
+        Start(object_position=(0.0, 0.0, 0.0))  # type: ignore[arg-type]
+
+
+def test_plan_begins_where_it_is_told(planner: Planner, make_curve: Curve) -> None:
+    start = Start((0.01, -0.02), (0.1, 0.2), (1.0, 0.5), (0.03, 0.0), (0.0, -0.2))
+    plan = planner.plan(make_curve(300), limits=LIMITS, start=start)
+    np.testing.assert_array_equal(plan.pan_position[0], start.pan_position)
+    np.testing.assert_array_equal(plan.pan_velocity[0], start.pan_velocity)
+    np.testing.assert_array_equal(plan.object_position[0], start.object_position)
+    np.testing.assert_array_equal(plan.object_velocity[0], start.object_velocity)
+    assert np.hypot(*(plan.pan_acceleration[0] - start.pan_acceleration)) <= LIMITS.jerk * DT + TOLERANCE
+    np.testing.assert_array_equal(plan.replay()[:, :2], plan.object_position)
+    assert min(value for value in plan.quality.margins.values() if value is not None) > -TOLERANCE
+    batch = planner.plan_batch([make_curve(300), make_curve(300)], limits=LIMITS, start=[start, Start()])
+    np.testing.assert_allclose(batch[0].object_position, plan.object_position, atol=1e-6)
