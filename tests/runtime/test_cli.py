@@ -264,7 +264,13 @@ def test_slide_info_says_what_the_bundle_is(slide: Slide, planner: Planner, bund
 def start(program: str, *arguments: object, **options: Any) -> subprocess.Popen[str]:
     code = f"import sys; sys.argv[0] = {program!r}; from runtime.cli import *; {program.replace('slide-', '')}_main()"
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=ROOT, text=True, preexec_fn=obey_interrupts, **pipes, **options)
+
+
+def obey_interrupts() -> None:
+    """Undo what a shell does to what it starts in the background, or Python would not listen to SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_program_works_in_a_process_of_its_own_under_an_ascii_locale(bundle_path: Path, tmp_path: Path) -> None:

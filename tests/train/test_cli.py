@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import signal
 import subprocess
@@ -100,7 +101,11 @@ def test_missing_extra_is_one_line_that_says_what_to_install(folder, main, argum
 def test_interrupted_run_says_how_to_go_on(folder):
     program = Path(sys.executable).with_name("slide-train")
     arguments = ["default", "--run", "interrupted", "--device", "cpu"]
-    with subprocess.Popen([program, *arguments], cwd=folder, stderr=subprocess.PIPE, text=True) as process:
+    # Python would not listen to SIGINT where a shell that started the tests in the background had it ignored.
+    obey = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(
+        [program, *arguments], cwd=folder, stderr=subprocess.PIPE, text=True, preexec_fn=obey
+    ) as process:
         deadline = time.monotonic() + 120
         while not (folder / "interrupted").exists() and time.monotonic() < deadline:
             time.sleep(0.1)
