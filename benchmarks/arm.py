@@ -24,7 +24,7 @@ from runtime.arm.results import Results, judge
 from runtime.arm.run import closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera
-from runtime.cli import DONE_BUT_MISSED, AsJson, print_json, print_table, run, say
+from runtime.cli import DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
 from runtime.friction import DT, Friction
 from runtime.plan import Plan
 from runtime.planner import Planner
@@ -58,7 +58,6 @@ JOINT_FRICTION = 1.0
 """Dry friction of every joint in the ablation of the observer (N m)."""
 
 FRAME = (320, 240)
-MM = 1e3
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ import os
 import platform
 import secrets
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,28 +43,45 @@ def export_bundle(checkpoint: Path, folder: Path) -> Exported:
     """
     saved = load_checkpoint(checkpoint)
     config, model = load_model(saved)
-    check_replaceable(folder)
+    with bundle_folder(folder) as temporary:
+        graphs = {
+            ENCODER: write_graph(temporary, f"{ENCODER}.onnx", encoder_graph(model)),
+            DECODER_STEP: write_graph(temporary, f"{DECODER_STEP}.onnx", decoder_step_graph(model)),
+        }
+        manifest = describe(model, config, saved["epoch"], graphs)
+        write_manifest(temporary, manifest)
+        agreement = verify(model, config, temporary)
+    return Exported(manifest, agreement)
+
+
+@contextmanager
+def bundle_folder(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder to write a bundle into; it takes the place of `folder` unless something is raised.
+
+    Raises:
+        OutputError: `folder` holds something that is no bundle, or cannot be written.
+    """
+    _check_replaceable(folder)
     temporary = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.tmp"
     try:
         temporary.mkdir(parents=True)
-        manifest = _write(temporary, model, config, saved["epoch"])
-        agreement = verify(model, config, temporary)
-        replace_folder(folder, temporary)
+        yield temporary
+        _replace_folder(folder, temporary)
     except OSError as error:
         raise OutputError(f"cannot write the bundle {folder}: {error.strerror or error}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-    return Exported(manifest, agreement)
 
 
-def _write(folder: Path, model: Seq2Seq, config: TrainConfig, epochs: int) -> Manifest:
-    graphs = {}
-    for name, graph in ((ENCODER, encoder_graph(model)), (DECODER_STEP, decoder_step_graph(model))):
-        (folder / f"{name}.onnx").write_bytes(graph)
-        graphs[name] = GraphFile(f"{name}.onnx", hashlib.sha256(graph).hexdigest())
-    manifest = describe(model, config, epochs, graphs)
+def write_graph(folder: Path, file: str, graph: bytes) -> GraphFile:
+    """Write a serialized graph, and return its entry in the manifest."""
+    (folder / file).write_bytes(graph)
+    return GraphFile(file, hashlib.sha256(graph).hexdigest())
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write a bundle's manifest."""
     (folder / MANIFEST_FILE).write_text(json.dumps(manifest.to_dict(), indent=2) + "\n", encoding="utf-8")
-    return manifest
 
 
 def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str, GraphFile]) -> Manifest:
@@ -100,7 +119,7 @@ def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str,
     )
 
 
-def check_replaceable(folder: Path) -> None:
+def _check_replaceable(folder: Path) -> None:
     """Refuse to replace a folder that is not a bundle.
 
     Raises:
@@ -110,7 +129,7 @@ def check_replaceable(folder: Path) -> None:
         raise OutputError(f"{folder} exists and is not a bundle; it is left as it is")
 
 
-def replace_folder(folder: Path, temporary: Path) -> None:
+def _replace_folder(folder: Path, temporary: Path) -> None:
     """Put `temporary` in the place of `folder`; what was there is removed last."""
     old: Path | None = None
     if folder.exists():

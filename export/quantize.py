@@ -7,11 +7,7 @@ seven bits ("reduced range"): without that the output is wrong by a third of its
 
 from __future__ import annotations
 
-import hashlib
-import json
 import logging
-import secrets
-import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from export.bundle import check_replaceable, replace_folder
+from export.bundle import bundle_folder, write_graph, write_manifest
 from runtime import Planner
-from runtime.bundle import MANIFEST_FILE, GraphFile, Manifest
+from runtime.bundle import Manifest
 from runtime.documents import FloatArray
-from runtime.errors import OutputError, SlideError
+from runtime.errors import SlideError
 from train.commands import FAMILIES
 from train.evaluate import commands_of
 
@@ -66,17 +62,13 @@ def quantize_bundle(source: Path, folder: Path) -> Quantized:
     manifest = planner.bundle.manifest
     if manifest.precision != "fp32":
         raise QuantizationError(f"{source} is {manifest.precision} already; int8 is made of fp32")
-    check_replaceable(folder)
-    temporary = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.tmp"
-    try:
-        temporary.mkdir(parents=True)
-        graphs = {}
-        for name, graph in manifest.graphs.items():
-            data = quantize_graph((source / graph.file).read_bytes())
-            (temporary / graph.file).write_bytes(data)
-            graphs[name] = GraphFile(graph.file, hashlib.sha256(data).hexdigest())
+    with bundle_folder(folder) as temporary:
+        graphs = {
+            name: write_graph(temporary, graph.file, quantize_graph((source / graph.file).read_bytes()))
+            for name, graph in manifest.graphs.items()
+        }
         manifest = replace(manifest, precision="int8", graphs=graphs)
-        _write_manifest(temporary, manifest)
+        write_manifest(temporary, manifest)
         comparison = compare(planner, Planner(temporary))
         if not comparison.growth < MAX_GROWTH:
             raise QuantizationError(
@@ -85,12 +77,7 @@ def quantize_bundle(source: Path, folder: Path) -> Quantized:
                 "accepted"
             )
         manifest = replace(manifest, evaluation={**manifest.evaluation, "int8_growth": round(comparison.growth, 5)})
-        _write_manifest(temporary, manifest)
-        replace_folder(folder, temporary)
-    except OSError as error:
-        raise OutputError(f"cannot write the bundle {folder}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        write_manifest(temporary, manifest)
     return Quantized(manifest, comparison)
 
 
@@ -120,7 +107,3 @@ def compare(fp32: Planner, int8: Planner) -> Comparison:
 
 def _mean_rmse(planner: Planner, positions: list[FloatArray]) -> float:
     return float(np.mean([plan.quality.tracking_rmse for plan in planner.plan_batch(positions)]))
-
-
-def _write_manifest(folder: Path, manifest: Manifest) -> None:
-    (folder / MANIFEST_FILE).write_text(json.dumps(manifest.to_dict(), indent=2) + "\n", encoding="utf-8")

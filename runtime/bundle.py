@@ -38,10 +38,8 @@ MANIFEST_FILE = "manifest.json"
 PRECISIONS = ("fp32", "int8")
 
 ENCODER = "encoder"
-ENCODER_INPUTS = ("command",)
 ENCODER_OUTPUTS = ("hidden", "cell")
 DECODER_STEP = "decoder_step"
-DECODER_STEP_INPUTS = ("observation", "hidden", "cell")
 DECODER_STEP_OUTPUTS = ("pan_acceleration", "hidden_out", "cell_out")
 
 TRAINED_ON = {"static": "", "kinetic": "", "reach": "m", "speed": "m/s", "samples": ""}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime.cli import AsJson, extra, print_json, run, say
+from runtime.cli import MM, AsJson, extra, print_json, run, say
 from runtime.errors import InputError, OutputError
 
 if TYPE_CHECKING:
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from train.config import TrainConfig
     from train.evaluate import Row, Subject
     from train.trainer import Trainer
-
-MM = 1e3
-"""Millimetres in a metre."""
 
 
 class Device(StrEnum):

@@ -138,9 +138,9 @@ def commands_of(family: str, count: int = COMMANDS, seed: int = SEED) -> FloatAr
     return free_commands(rng, count, SAMPLES, {family: 1.0}, REACH, SPEED, 1).position
 
 
-def tracking_rmse(motions: Motions, position: FloatArray) -> FloatArray:
+def tracking_rmse(object_position: FloatArray, position: FloatArray) -> FloatArray:
     """RMS over time of the distance between object and command, (B,) in metres."""
-    squared = ((motions.object_position - position) ** 2).sum(-1)
+    squared = ((object_position - position) ** 2).sum(-1)
     return np.asarray(np.sqrt(squared.mean(axis=1)))
 
 
@@ -148,8 +148,8 @@ def evaluate(subject: Subject, family: str, friction: Friction = NOMINAL) -> Row
     """Evaluate a network on one family of commands."""
     position = commands_of(family)
     motions = subject.decode(position, friction)
-    error = tracking_rmse(motions, position)
-    still = tracking_rmse(Motions(motions.u, motions.pan_position, np.zeros_like(position)), position)
+    error = tracking_rmse(motions.object_position, position)
+    still = tracking_rmse(np.zeros_like(position), position)
     reach = np.linalg.norm(motions.pan_position, axis=-1).max(axis=1)
     change = np.linalg.norm(np.diff(motions.u, axis=1), axis=-1).mean()
     return Row(

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import Friction
+from runtime.cli import MM
 from runtime.errors import MissingExtraError, OutputError
 from train import arm_evaluation as arm
 from train.arm_evaluation import ArmRow
 from train.commands import FloatArray
-from train.evaluate import Motions, Subject, commands_of, evaluate, tracking_rmse
+from train.evaluate import Subject, commands_of, evaluate, tracking_rmse
 
 ArmRows = Mapping[str, Mapping[str, ArmRow]]
 """By a model's name, then by the way it was executed."""
@@ -30,9 +31,6 @@ SHOWN = 3
 """The command of the family that the trajectories and snapshots are of."""
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-MM = 1e3
-"""Millimetres in a metre."""
-
 STILL_PANS = 1.5
 """Error at which the colours of the friction table end, in errors of a pan that never moves."""
 
@@ -107,7 +105,7 @@ def _draw_models(figure_class: Any, position: FloatArray, drawn: Sequence[tuple[
 
 
 def _draw(axes: Any, time: NDArray[np.floating[Any]], position: FloatArray, **style: object) -> None:
-    millimetres = 1e3 * position
+    millimetres = MM * position
     axes[0].plot(time, millimetres[:, 0], **style)
     axes[1].plot(time, millimetres[:, 1], **style)
     axes[2].plot(millimetres[:, 0], millimetres[:, 1], **style)
@@ -119,7 +117,7 @@ def _friction(figure_class: Any, subjects: Sequence[Subject]) -> Any:
     tables = [_friction_table(subject, position) for subject in subjects]
     figure = figure_class(figsize=(4.2 * len(subjects), 3.9), layout="constrained")
     # A still pan's error is the yardstick: what is far beyond it would take the colours from all the rest.
-    still = tracking_rmse(Motions(position, position, np.zeros_like(position)), position).mean()
+    still = tracking_rmse(np.zeros_like(position), position).mean()
     highest = STILL_PANS * MM * float(still)
     for axes, subject, table in zip(np.atleast_1d(figure.subplots(1, len(subjects))), subjects, tables, strict=True):
         image = axes.imshow(table, origin="lower", vmin=0.0, vmax=highest, cmap="viridis")
@@ -141,7 +139,7 @@ def _friction_table(subject: Subject, position: FloatArray) -> FloatArray:
         for column, static in enumerate(STATIC):
             if kinetic <= static:
                 motions = subject.decode(position, Friction(static, kinetic))
-                table[row, column] = 1e3 * tracking_rmse(motions, position).mean()
+                table[row, column] = MM * tracking_rmse(motions.object_position, position).mean()
     return table
 
 
@@ -188,15 +186,16 @@ def _document(subjects: Sequence[Subject]) -> str:
     for subject in subjects:
         row = evaluate(subject, FAMILY)
         rows.append(
-            f"| {subject.name} | {1e3 * row.rmse_mean:.1f} mm | {1e3 * row.rmse_median:.1f} mm "
-            f"| {1e3 * row.rmse_worst:.1f} mm | {row.reach_mean:.3f} m | {row.reach_worst:.3f} m "
+            f"| {subject.name} | {MM * row.rmse_mean:.1f} mm | {MM * row.rmse_median:.1f} mm "
+            f"| {MM * row.rmse_worst:.1f} mm | {row.reach_mean:.3f} m | {row.reach_worst:.3f} m "
             f"| {row.change_mean:.2f} m/s² |"
         )
-    still = evaluate(subjects[0], FAMILY).still_mean
+    position = commands_of(FAMILY)
+    still = float(tracking_rmse(np.zeros_like(position), position).mean())
     return f"""# The paper's evaluation, reproduced
 
 Written by `slide-eval RUN ... --reproduce docs`; figures over 64 commands whose acceleration is a B-spline
-(Section IV-B), K = 1200, friction 1.0/0.5. A pan that never moves has an error of {1e3 * still:.1f} mm on them.
+(Section IV-B), K = 1200, friction 1.0/0.5. A pan that never moves has an error of {MM * still:.1f} mm on them.
 
 {chr(10).join(rows)}
 

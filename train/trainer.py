@@ -53,6 +53,10 @@ class Batch(NamedTuple):
     static_limit: Tensor
     kinetic_limit: Tensor
 
+    def to(self, device: torch.device) -> Batch:
+        """Return the batch on another device."""
+        return Batch(*(None if tensor is None else tensor.to(device) for tensor in self))  # type: ignore[arg-type]
+
 
 class Progress(NamedTuple):
     """What a run reports after each step; errors and reach in metres."""
@@ -188,7 +192,7 @@ class Trainer:
     def _step(self, step: int, task: Task, pan_loss: bool, batch: Batch) -> Progress:
         """One step of Adam; a gradient that is not finite skips it."""
         config = self.config
-        batch = Batch(*(None if tensor is None else tensor.to(self.device) for tensor in batch))  # type: ignore[arg-type]
+        batch = batch.to(self.device)
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(config, step / self.steps)
 
@@ -311,7 +315,7 @@ def validate(model: Seq2Seq, config: TrainConfig, device: torch.device) -> dict[
         )
         nominal = np.ones(VALIDATION_COMMANDS)
         batch = make_batch(commands.position, commands.samples, None, config.static * nominal, config.kinetic * nominal)
-        batch = Batch(*(None if tensor is None else tensor.to(device) for tensor in batch))  # type: ignore[arg-type]
+        batch = batch.to(device)
         with torch.no_grad():
             motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
         figures[f"{name}_tracking"], figures[f"{name}_reach"] = tracking(motion.states, batch)
