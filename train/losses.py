@@ -24,13 +24,18 @@ MILLIMETRE = 1e-3
 
 
 class Weights(NamedTuple):
-    """Weights of Eq. 21, the pan limit of Eq. 23 (m), and which tracking term: Eq. 22 or plain `distance`."""
+    """Weights of Eq. 21, the pan limit of Eq. 23 (m), which tracking term (Eq. 22 or plain `distance`), and ours.
+
+    `balance` is the price of `imbalance` over windows of `stroke` samples.
+    """
 
     alpha: float
     beta: float
     gamma: float
     pan_limit: float
     tracking: Literal["likelihood", "distance"] = "likelihood"
+    balance: float = 0.0
+    stroke: int = 50
 
 
 def position_covariance(covariance: Tensor, dt: float = DT) -> Tensor:
@@ -106,6 +111,23 @@ def distance(error: Tensor) -> Tensor:
     return torch.sqrt((error * error).sum(-1) + DISTANCE_FLOOR**2) / MILLIMETRE
 
 
+def imbalance(u: Tensor, stroke: int) -> Tensor:
+    """Size of the mean acceleration of each window of `stroke` samples: zero if the pan is as fast after as before.
+
+    A pan that keeps its speed over a window has to carry the object in one window what it takes back in the same:
+    one stick and one slip in each. Where the object sticks, the tracking error has no gradient that would start
+    another stroke; this has.
+
+    Args:
+        u: (B, K, 2) pan accelerations (m/s^2), K a multiple of `stroke`.
+        stroke: samples of a window.
+
+    Returns:
+        (B, K / stroke) in m/s^2.
+    """
+    return torch.linalg.vector_norm(u.unflatten(1, (-1, stroke)).mean(dim=2), dim=-1)
+
+
 def loss_object(
     states: Tensor, u: Tensor, covariance: Tensor, object_position: Tensor, mask: Tensor, weights: Weights
 ) -> Tensor:
@@ -130,4 +152,7 @@ def loss_object(
     over = masked_mean(torch.relu(reach - weights.pan_limit), mask)
     change = torch.linalg.vector_norm(u[:, 1:] - u[:, :-1], dim=-1)
     roughness = masked_mean(change, mask[:, 1:])
-    return weights.alpha * tracking + weights.beta * over + weights.gamma * roughness
+    loss = weights.alpha * tracking + weights.beta * over + weights.gamma * roughness
+    if weights.balance > 0.0:
+        loss = loss + weights.balance * masked_mean(imbalance(u, weights.stroke), mask[:, :: weights.stroke])
+    return loss
