@@ -52,8 +52,8 @@ class TrainConfig(BaseModel):
     alpha: Positive = Field(1.0, description="weight of the tracking loss, Eq. 22")
     beta: NonNegative = Field(2000.0, description="weight of the pan limit, Eq. 23")
     gamma: NonNegative = Field(0.1, description="weight of the change of acceleration, Eq. 24")
-    balance: NonNegative = Field(0.0, description="weight of a pan that does not keep its speed over a stroke")
-    stroke: Count = Field(50, description="samples in which the object is to stick and slip once; divides the chunk")
+    repeat: NonNegative = Field(0.0, description="weight of a pan that does not repeat itself every stroke")
+    stroke: Count = Field(50, description="samples in which the object is to stick and slip once")
     pan_limit: Positive = Field(0.2, description="limit of the pan's motion (m)")
     pan_margin: NonNegative = Field(0.01, description="distance from the limit at which the penalty begins (m)")
 
@@ -77,8 +77,8 @@ class TrainConfig(BaseModel):
                 raise ValueError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")
         if self.samples[0] < self.chunk:
             raise ValueError(f"samples: {self.samples[0]} is shorter than a chunk of {self.chunk}")
-        if self.chunk % self.stroke:
-            raise ValueError(f"stroke: {self.stroke} samples do not divide a chunk of {self.chunk}")
+        if self.stroke > self.chunk:
+            raise ValueError(f"stroke: {self.stroke} samples are longer than a chunk of {self.chunk}")
         if self.pan_margin >= self.pan_limit:
             raise ValueError(
                 f"pan_margin: {self.pan_margin:g} m leaves nothing of the pan_limit of {self.pan_limit:g} m"

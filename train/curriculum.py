@@ -22,7 +22,7 @@ class Stage:
         pan_loss: probability of the loss L' (Eq. 25) instead of L (Eq. 21), drawn per batch.
         physics: probability of physics-generated command trajectories instead of free ones, drawn per batch.
         varied_friction: draw the friction of each trajectory in batches of loss L from the configured ranges.
-        balance: share of the configured price of `train.losses.imbalance`, at both ends like the probabilities.
+        repeat: share of the configured price of `train.losses.unlikeness`, at both ends like the probabilities.
     """
 
     number: int
@@ -30,7 +30,7 @@ class Stage:
     pan_loss: tuple[float, float]
     physics: tuple[float, float]
     varied_friction: bool = False
-    balance: tuple[float, float] = (0.0, 0.0)
+    repeat: tuple[float, float] = (0.0, 0.0)
 
 
 ALWAYS = (1.0, 1.0)
@@ -49,10 +49,10 @@ TABLE_I = (
 # Fades each task into the next one instead, is done with the physics-generated trajectories early, and varies friction.
 GRADUAL = (
     Stage(1, 6, pan_loss=ALWAYS, physics=ALWAYS),
-    Stage(2, 12, pan_loss=(1.0, 0.0), physics=ALWAYS, balance=ALWAYS),
-    Stage(3, 14, pan_loss=NEVER, physics=ALWAYS, varied_friction=True, balance=ALWAYS),
-    Stage(4, 18, pan_loss=NEVER, physics=(1.0, 0.0), varied_friction=True, balance=ALWAYS),
-    Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, balance=(1.0, 0.0)),
+    Stage(2, 12, pan_loss=(1.0, 0.0), physics=ALWAYS, repeat=ALWAYS),
+    Stage(3, 14, pan_loss=NEVER, physics=ALWAYS, varied_friction=True, repeat=ALWAYS),
+    Stage(4, 18, pan_loss=NEVER, physics=(1.0, 0.0), varied_friction=True, repeat=ALWAYS),
+    Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=(1.0, 0.0)),
 )
 
 CURRICULA = {"table-1": TABLE_I, "gradual": GRADUAL}
@@ -66,14 +66,14 @@ class Task:
     pan_loss: float
     physics: float
     varied_friction: bool
-    balance: float
+    repeat: float
 
 
 def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) -> Task:
     """Return the task of `epoch` (from 1) when the stages are stretched over `epochs` epochs."""
     if model != "A":
         only = next(stage for stage in stages if stage.number == (3 if model == "B" else 1))
-        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, only.balance[1])
+        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, only.repeat[1])
     position = epoch * stages[-1].last_epoch / epochs
     begin = 0
     for stage in stages:
@@ -86,7 +86,7 @@ def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) ->
         _mix(stage.pan_loss, share),
         _mix(stage.physics, share),
         stage.varied_friction,
-        _mix(stage.balance, share),
+        _mix(stage.repeat, share),
     )
 
 

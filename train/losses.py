@@ -26,7 +26,7 @@ MILLIMETRE = 1e-3
 class Weights(NamedTuple):
     """Weights of Eq. 21, the pan limit of Eq. 23 (m), which tracking term (Eq. 22 or plain `distance`), and ours.
 
-    `balance` is the price of `imbalance` over windows of `stroke` samples.
+    `repeat` is the price of `unlikeness` over strokes of `stroke` samples.
     """
 
     alpha: float
@@ -34,7 +34,7 @@ class Weights(NamedTuple):
     gamma: float
     pan_limit: float
     tracking: Literal["likelihood", "distance"] = "likelihood"
-    balance: float = 0.0
+    repeat: float = 0.0
     stroke: int = 50
 
 
@@ -111,21 +111,21 @@ def distance(error: Tensor) -> Tensor:
     return torch.sqrt((error * error).sum(-1) + DISTANCE_FLOOR**2) / MILLIMETRE
 
 
-def imbalance(u: Tensor, stroke: int) -> Tensor:
-    """Size of the mean acceleration of each window of `stroke` samples: zero if the pan is as fast after as before.
+def unlikeness(u: Tensor, stroke: int) -> Tensor:
+    """How far each acceleration is from the one a stroke earlier: zero if the pan repeats itself every stroke.
 
-    A pan that keeps its speed over a window has to carry the object in one window what it takes back in the same:
-    one stick and one slip in each. Where the object sticks, the tracking error has no gradient that would start
-    another stroke; this has.
+    Where the object sticks, the tracking error has no gradient that would start another stroke. This has, so it
+    decides how many strokes the network falls into when it first has to bring the pan back; left to itself it falls
+    into one a chunk, and stays there.
 
     Args:
-        u: (B, K, 2) pan accelerations (m/s^2), K a multiple of `stroke`.
-        stroke: samples of a window.
+        u: (B, K, 2) pan accelerations (m/s^2).
+        stroke: samples of a stroke.
 
     Returns:
-        (B, K / stroke) in m/s^2.
+        (B, K - stroke) in m/s^2.
     """
-    return torch.linalg.vector_norm(u.unflatten(1, (-1, stroke)).mean(dim=2), dim=-1)
+    return torch.linalg.vector_norm(u[:, stroke:] - u[:, :-stroke], dim=-1)
 
 
 def loss_object(
@@ -153,6 +153,6 @@ def loss_object(
     change = torch.linalg.vector_norm(u[:, 1:] - u[:, :-1], dim=-1)
     roughness = masked_mean(change, mask[:, 1:])
     loss = weights.alpha * tracking + weights.beta * over + weights.gamma * roughness
-    if weights.balance > 0.0:
-        loss = loss + weights.balance * masked_mean(imbalance(u, weights.stroke), mask[:, :: weights.stroke])
+    if weights.repeat > 0.0:
+        loss = loss + weights.repeat * masked_mean(unlikeness(u, weights.stroke), mask[:, weights.stroke :])
     return loss

@@ -203,8 +203,8 @@ class Trainer:
             loss = loss_pan(motion.states, motion.covariance, batch.pan_position, batch.mask)
         else:
             limit = config.pan_limit - config.pan_margin
-            balance = config.balance * task.balance
-            weights = Weights(config.alpha, config.beta, config.gamma, limit, config.tracking, balance, config.stroke)
+            repeat = config.repeat * task.repeat
+            weights = Weights(config.alpha, config.beta, config.gamma, limit, config.tracking, repeat, config.stroke)
             loss = loss_object(motion.states, motion.u, motion.covariance, batch.object_position, batch.mask, weights)
 
         self.optimizer.zero_grad(set_to_none=True)

@@ -13,11 +13,11 @@ from train.losses import (
     Weights,
     distance,
     gaussian_nll,
-    imbalance,
     loss_object,
     loss_pan,
     masked_mean,
     position_covariance,
+    unlikeness,
 )
 
 
@@ -109,21 +109,21 @@ def test_pan_loss_looks_at_the_pan_alone():
     assert loss_pan(states, covariance, wanted, mask).item() > plain.item()
 
 
-def test_imbalance_is_zero_for_a_pan_that_keeps_its_speed_over_each_stroke():
-    u = torch.zeros(1, 8, 2, dtype=torch.float64)
-    u[0, 0:4, 0] = torch.tensor([3.0, -3.0, 1.0, -1.0])
-    u[0, 4:8] = torch.tensor([3.0, 4.0])
-    assert imbalance(u, 4).tolist() == [[0.0, 5.0]]
+def test_unlikeness_is_zero_for_a_pan_that_repeats_itself_every_stroke():
+    u = torch.zeros(1, 6, 2, dtype=torch.float64)
+    u[0, :, 0] = torch.tensor([3.0, -3.0, 3.0, -3.0, 3.0, -3.0])
+    u[0, 5, 1] = 4.0
+    assert unlikeness(u, 2).tolist() == [[0.0, 0.0, 0.0, 4.0]]
 
 
-def test_balance_is_priced_over_the_strokes_that_count():
+def test_unlikeness_is_priced_over_the_samples_that_count():
     states, u, covariance, wanted, mask = motion()
     u[0, 2:] = torch.tensor([3.0, 4.0])
-    plain, priced = (
-        loss_object(states, u, covariance, wanted, mask, Weights(1.0, 0.0, 0.0, 0.2, balance=balance, stroke=2))
-        for balance in (0.0, 2.0)
-    )
-    assert (priced - plain).item() == pytest.approx(2.0 * 5.0 / 2)
-    mask[0, 2:] = 0.0
-    unpriced = loss_object(states, u, covariance, wanted, mask, Weights(1.0, 0.0, 0.0, 0.2, balance=2.0, stroke=2))
-    assert unpriced.item() == pytest.approx(plain.item())
+
+    def loss(repeat):
+        return loss_object(states, u, covariance, wanted, mask, Weights(1.0, 0.0, 0.0, 0.2, repeat=repeat, stroke=2))
+
+    assert (loss(2.0) - loss(0.0)).item() == pytest.approx(2.0 * 5.0)
+    u[0, 3] = 0.0
+    mask[0, 3] = 0.0
+    assert (loss(2.0) - loss(0.0)).item() == pytest.approx(2.0 * 5.0)
