@@ -19,8 +19,19 @@ class Motion(NamedTuple):
     covariance: Tensor
 
 
+def at_rest(batch: int, chunk: int, device: torch.device) -> Tensor:
+    """Return the (B, C, 8) states that lead to a start at rest, the pan in the middle, the object on its mark."""
+    return torch.zeros(batch, chunk, 8, dtype=torch.float64, device=device)
+
+
 def decode(
-    model: Seq2Seq, command: Tensor, static_limit: Tensor, kinetic_limit: Tensor, through_contact: bool = True
+    model: Seq2Seq,
+    command: Tensor,
+    static_limit: Tensor,
+    kinetic_limit: Tensor,
+    through_contact: bool = True,
+    before: Tensor | None = None,
+    noise: Tensor | None = None,
 ) -> Motion:
     """Encode `command` and decode it in closed loop (Section II-C), chunk by chunk.
 
@@ -30,6 +41,9 @@ def decode(
         static_limit, kinetic_limit: (B,) mu g and mu' g (m/s^2), which the network is not told.
         through_contact: whether gradients pass the object's states, which is to say the law of friction; L' must
             not (Section III-B).
+        before: (B, C, 8) float64 states that the first iteration sees, the last of which is the start; at rest if
+            None.
+        noise: (B, K, 8) added to the states as the network sees them, not to the states; none if None.
 
     Returns:
         The motion; its rows are the states after each sample, so row K - 1 is the state at t_K.
@@ -39,8 +53,8 @@ def decode(
     chunks = command.reshape(batch, samples // chunk, 4 * chunk).float()
     state = model.encode(chunks)
     decoder = model.decoder(chunks)
-    start = torch.zeros(batch, 8, dtype=torch.float64, device=command.device)
-    seen = start[:, None].expand(batch, chunk, 8)
+    seen = at_rest(batch, chunk, command.device) if before is None else before
+    start = seen[:, -1]
     moved, accelerations, covariances = [], [], []
     for n in range(samples // chunk):
         output, state = decoder.step(n, seen, state)
@@ -53,4 +67,24 @@ def decode(
         if not through_contact:
             seen = torch.cat([seen[..., :4], seen[..., 4:].detach()], dim=-1)
             start = seen[:, -1]
+        if noise is not None:
+            seen = seen + noise[:, n * chunk : (n + 1) * chunk]
     return Motion(torch.cat(moved, 1), torch.cat(accelerations, 1), torch.cat(covariances, 1))
+
+
+@torch.no_grad()
+def lead_in(model: Seq2Seq, command: Tensor, static_limit: Tensor, kinetic_limit: Tensor, chunks: int) -> Tensor:
+    """Follow the first `chunks` chunks of a command, as a planner does that then reads on from there.
+
+    Args:
+        model, command, static_limit, kinetic_limit: as for `decode`.
+        chunks: how far to follow.
+
+    Returns:
+        (B, C, 8) the last C states, the object relative to the command at the end of these chunks: what `decode`
+        takes as `before` for the rest of the command.
+    """
+    samples = chunks * model.chunk
+    states = decode(model, command, static_limit, kinetic_limit).states[:, samples - model.chunk : samples].clone()
+    states[..., 4:6] -= command[:, None, samples, :2]
+    return states

@@ -16,7 +16,12 @@ Precision = Literal["auto", "float32", "bfloat16"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Range = tuple[Positive, Positive]
+
+
+RANGES = ("samples", "lead_in_chunks", "reach", "physics_reach", "physics_knots", "static_range", "kinetic_range")
+"""Pairs of which the first is the lowest and the second the highest."""
 
 
 class TrainConfig(BaseModel):
@@ -54,6 +59,8 @@ class TrainConfig(BaseModel):
     gamma: NonNegative = Field(0.1, description="weight of the change of acceleration, Eq. 24")
     repeat: NonNegative = Field(0.0, description="weight of a pan that does not repeat itself every stroke")
     stroke: Count = Field(50, description="samples in which the object is to stick and slip once")
+    jerk: NonNegative = Field(0.0, description="weight of jerk beyond jerk_limit, on top of gamma")
+    jerk_limit: Positive = Field(8_000.0, description="jerk that is free of that (m/s^3)")
     pan_limit: Positive = Field(0.2, description="limit of the pan's motion (m)")
     pan_margin: NonNegative = Field(0.01, description="distance from the limit at which the penalty begins (m)")
 
@@ -64,6 +71,15 @@ class TrainConfig(BaseModel):
     speed: Positive = Field(0.7, description="bound on the speed of a free command (m/s)")
     physics_reach: Range = Field((0.03, 0.15), description="the same for physics-generated commands (m)")
     physics_knots: Range = Field((0.15, 0.4), description="spacing of their knots (s)")
+    lead_in: Share = Field(0.0, description="share of disturbed batches that begin in mid-course")
+    lead_in_chunks: tuple[Count, Count] = Field((1, 8), description="how far into the command that is")
+    displaced: Share = Field(0.0, description="share of disturbed trajectories that begin off their mark")
+    start_reach: Positive = Field(0.15, description="how far from the centre their pan is at most (m)")
+    start_speed: Positive = Field(0.2, description="standard deviation of its velocity (m/s)")
+    push: Positive = Field(0.01, description="standard deviation of the object's distance from its mark (m)")
+    push_speed: Positive = Field(0.1, description="and of its velocity, if it slides (m/s)")
+    noisy: Share = Field(0.0, description="share of disturbed trajectories whose states are seen with noise")
+    noise: Range = Field((1e-3, 1e-2), description="its standard deviation: of positions (m), of velocities (m/s)")
     static: Positive = Field(1.0, description="nominal static friction")
     kinetic: Positive = Field(0.5, description="nominal kinetic friction")
     static_range: Range = Field((0.4, 1.5), description="of stages that vary friction")
@@ -71,7 +87,15 @@ class TrainConfig(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> TrainConfig:
-        for key in ("samples", "reach", "physics_reach", "physics_knots", "static_range", "kinetic_range"):
+        for key in (
+            "samples",
+            "lead_in_chunks",
+            "reach",
+            "physics_reach",
+            "physics_knots",
+            "static_range",
+            "kinetic_range",
+        ):
             low, high = getattr(self, key)
             if low > high:
                 raise ValueError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")

@@ -23,6 +23,7 @@ class Stage:
         physics: probability of physics-generated command trajectories instead of free ones, drawn per batch.
         varied_friction: draw the friction of each trajectory in batches of loss L from the configured ranges.
         repeat: share of the configured price of `train.losses.unlikeness`, at both ends like the probabilities.
+        disturbed: let some trajectories begin elsewhere than at rest on their mark, and some states be seen with noise.
     """
 
     number: int
@@ -31,6 +32,7 @@ class Stage:
     physics: tuple[float, float]
     varied_friction: bool = False
     repeat: tuple[float, float] = (0.0, 0.0)
+    disturbed: bool = False
 
 
 ALWAYS = (1.0, 1.0)
@@ -52,7 +54,7 @@ GRADUAL = (
     Stage(2, 12, pan_loss=(1.0, 0.0), physics=ALWAYS, repeat=ALWAYS),
     Stage(3, 14, pan_loss=NEVER, physics=ALWAYS, varied_friction=True, repeat=ALWAYS),
     Stage(4, 18, pan_loss=NEVER, physics=(1.0, 0.0), varied_friction=True, repeat=ALWAYS),
-    Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=(1.0, 0.0)),
+    Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=(1.0, 0.0), disturbed=True),
 )
 
 CURRICULA = {"table-1": TABLE_I, "gradual": GRADUAL}
@@ -67,13 +69,14 @@ class Task:
     physics: float
     varied_friction: bool
     repeat: float
+    disturbed: bool
 
 
 def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) -> Task:
     """Return the task of `epoch` (from 1) when the stages are stretched over `epochs` epochs."""
     if model != "A":
         only = next(stage for stage in stages if stage.number == (3 if model == "B" else 1))
-        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, only.repeat[1])
+        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, only.repeat[1], False)
     position = epoch * stages[-1].last_epoch / epochs
     begin = 0
     for stage in stages:
@@ -87,6 +90,7 @@ def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) ->
         _mix(stage.physics, share),
         stage.varied_friction,
         _mix(stage.repeat, share),
+        stage.disturbed,
     )
 
 

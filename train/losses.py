@@ -26,7 +26,8 @@ MILLIMETRE = 1e-3
 class Weights(NamedTuple):
     """Weights of Eq. 21, the pan limit of Eq. 23 (m), which tracking term (Eq. 22 or plain `distance`), and ours.
 
-    `repeat` is the price of `unlikeness` over strokes of `stroke` samples.
+    `jerk` is the price of a change of acceleration beyond `largest_change` (m/s^2), on top of gamma; `repeat` that of
+    `unlikeness` over strokes of `stroke` samples.
     """
 
     alpha: float
@@ -34,6 +35,8 @@ class Weights(NamedTuple):
     gamma: float
     pan_limit: float
     tracking: Literal["likelihood", "distance"] = "likelihood"
+    jerk: float = 0.0
+    largest_change: float = 10.0
     repeat: float = 0.0
     stroke: int = 50
 
@@ -125,11 +128,18 @@ def unlikeness(u: Tensor, stroke: int) -> Tensor:
     Returns:
         (B, K - stroke) in m/s^2.
     """
-    return torch.linalg.vector_norm(u[:, stroke:] - u[:, :-stroke], dim=-1)
+    unlike: Tensor = torch.linalg.vector_norm(u[:, stroke:] - u[:, :-stroke], dim=-1)
+    return unlike
 
 
 def loss_object(
-    states: Tensor, u: Tensor, covariance: Tensor, object_position: Tensor, mask: Tensor, weights: Weights
+    states: Tensor,
+    u: Tensor,
+    covariance: Tensor,
+    object_position: Tensor,
+    mask: Tensor,
+    weights: Weights,
+    u_before: Tensor | None = None,
 ) -> Tensor:
     """L (Eq. 21): the object against the command, the pan against its limit, and the change of acceleration.
 
@@ -141,7 +151,8 @@ def loss_object(
         covariance: (B, K, 3) input covariances.
         object_position: (B, K, 2) commanded object position at the same instants, relative to the pan (m).
         mask: (B, K) 1 for the samples that count.
-        weights: alpha, beta, gamma and the pan limit.
+        weights: alpha, beta, gamma, the pan limit, and the prices of jerk and of what does not repeat.
+        u_before: (B, 2) acceleration of the sample before the first (m/s^2); zero if None.
     """
     error = states[..., 4:6] - object_position
     if weights.tracking == "likelihood":
@@ -150,9 +161,11 @@ def loss_object(
         tracking = masked_mean(distance(error), mask)
     reach = torch.linalg.vector_norm(states[..., 0:2], dim=-1)
     over = masked_mean(torch.relu(reach - weights.pan_limit), mask)
-    change = torch.linalg.vector_norm(u[:, 1:] - u[:, :-1], dim=-1)
-    roughness = masked_mean(change, mask[:, 1:])
-    loss = weights.alpha * tracking + weights.beta * over + weights.gamma * roughness
+    first = torch.zeros_like(u[:, :1]) if u_before is None else u_before[:, None]
+    change = torch.linalg.vector_norm(torch.diff(u, dim=1, prepend=first), dim=-1)
+    loss = weights.alpha * tracking + weights.beta * over + weights.gamma * masked_mean(change, mask)
+    if weights.jerk > 0.0:
+        loss = loss + weights.jerk * masked_mean(torch.relu(change - weights.largest_change), mask)
     if weights.repeat > 0.0:
         loss = loss + weights.repeat * masked_mean(unlikeness(u, weights.stroke), mask[:, weights.stroke :])
     return loss

@@ -18,10 +18,11 @@ from torch.utils.tensorboard import SummaryWriter
 from runtime.command import command_velocity
 from runtime.errors import FormatError, InputError, OutputError, SlideError
 from runtime.friction import DT, GRAVITY
-from train.closed_loop import decode
+from train.closed_loop import decode, lead_in
 from train.commands import FloatArray, free_commands, physics_commands
 from train.config import Precision, TrainConfig
 from train.curriculum import CURRICULA, Task, task_at
+from train.disturbances import Disturbance, draw_disturbance
 from train.losses import Weights, loss_object, loss_pan
 from train.model import Seq2Seq
 
@@ -44,7 +45,10 @@ class TrainingError(SlideError):
 
 
 class Batch(NamedTuple):
-    """One batch as the losses want it: row k of everything but `command` and the limits is the instant t_{k+1}."""
+    """One batch as the losses want it: row k of what has K rows, but for `command`, is the instant t_{k+1}.
+
+    `before` and `noise` are as in `train.closed_loop.decode`.
+    """
 
     command: Tensor
     object_position: Tensor
@@ -52,6 +56,8 @@ class Batch(NamedTuple):
     mask: Tensor
     static_limit: Tensor
     kinetic_limit: Tensor
+    before: Tensor | None = None
+    noise: Tensor | None = None
 
     def to(self, device: torch.device) -> Batch:
         """Return the batch on another device."""
@@ -77,10 +83,29 @@ def build_model(config: TrainConfig) -> Seq2Seq:
     return Seq2Seq(config.units, config.chunk, config.layers, config.command_ahead, config.acceleration_bound)
 
 
-def draw_batch(config: TrainConfig, task: Task, step: int, pan_loss: bool, physics: bool, rng: Any) -> Batch:
-    """Draw commands and friction for one step of `task`."""
+class Drawn(NamedTuple):
+    """What is drawn for one step: the batch, and what disturbs it, None for nothing."""
+
+    pan_loss: bool
+    batch: Batch
+    disturbance: Disturbance | None
+
+
+def draw(config: TrainConfig, task: Task, rng: np.random.Generator) -> Drawn:
+    """Draw one step of `task`: which loss, which commands, what friction and what disturbs them."""
+    pan_loss = bool(rng.random() < task.pan_loss)
+    physics = pan_loss or bool(rng.random() < task.physics)
     chunks = [math.ceil(n / config.chunk) for n in config.samples]
     samples = int(rng.integers(chunks[0], chunks[1] + 1)) * config.chunk
+    disturbance = draw_disturbance(config, samples, rng) if task.disturbed and not physics else None
+    lead_in = 0 if disturbance is None else disturbance.lead_in * config.chunk
+    return Drawn(pan_loss, draw_batch(config, task, samples + lead_in, pan_loss, physics, rng), disturbance)
+
+
+def draw_batch(
+    config: TrainConfig, task: Task, samples: int, pan_loss: bool, physics: bool, rng: np.random.Generator
+) -> Batch:
+    """Draw commands of `samples` samples and their friction."""
     if physics:
         commands = physics_commands(
             rng, config.batch, samples, config.physics_knots, config.physics_reach, config.static, config.kinetic
@@ -112,6 +137,25 @@ def make_batch(
         mask=torch.from_numpy((after < samples[:, None]).astype(np.float64)),
         static_limit=torch.from_numpy(static * GRAVITY),
         kinetic_limit=torch.from_numpy(kinetic * GRAVITY),
+    )
+
+
+def disturb(model: Seq2Seq, batch: Batch, disturbance: Disturbance) -> Batch:
+    """Return the batch as it is disturbed; where it begins in mid-course, the network leads it there."""
+    lead, chunk = disturbance.lead_in, model.chunk
+    displacement, noise = (torch.from_numpy(part).to(batch.command.device) for part in disturbance[1:])
+    if lead == 0:
+        return batch._replace(before=displacement[:, None].expand(-1, chunk, -1), noise=noise)
+    before = lead_in(model, batch.command, batch.static_limit, batch.kinetic_limit, lead)
+    before[:, -1] += displacement
+    first = lead * chunk
+    origin = batch.command[:, first : first + 1, :2]
+    return batch._replace(
+        command=torch.cat([batch.command[:, first:, :2] - origin, batch.command[:, first:, 2:]], dim=-1),
+        object_position=batch.object_position[:, first:] - origin,
+        mask=batch.mask[:, first:],
+        before=before,
+        noise=noise,
     )
 
 
@@ -157,8 +201,8 @@ class Trainer:
         writer = SummaryWriter(str(self.run / "tensorboard"), purge_step=self.epoch * self.steps_per_epoch)
         with writer, ThreadPoolExecutor(1) as pool:
             while self.epoch < self.config.epochs:
-                for step, task, pan_loss, batch in self._batches(pool):
-                    progress = self._step(step, task, pan_loss, batch)
+                for step, task, drawn in self._batches(pool):
+                    progress = self._step(step, task, drawn)
                     report(progress)
                     if step % 10 == 0:
                         self._log(writer, progress)
@@ -168,44 +212,49 @@ class Trainer:
                     writer.add_scalar(f"validation/{name}", value, self.epoch * self.steps_per_epoch)
                 self.save()
 
-    def _batches(self, pool: ThreadPoolExecutor) -> Iterator[tuple[int, Task, bool, Batch]]:
+    def _batches(self, pool: ThreadPoolExecutor) -> Iterator[tuple[int, Task, Drawn]]:
         """Yield one epoch's steps; the next batch is drawn in another thread while the network works on this one.
 
         Everything random about a step follows from (seed, step), so a resumed run draws what it would have drawn.
         """
         task = task_at(CURRICULA[self.config.curriculum], self.config.model, self.epoch + 1, self.config.epochs)
 
-        def draw(step: int) -> tuple[int, Task, bool, Batch]:
-            rng = np.random.default_rng([self.config.seed, step])
-            pan_loss = bool(rng.random() < task.pan_loss)
-            physics = pan_loss or bool(rng.random() < task.physics)
-            return step, task, pan_loss, draw_batch(self.config, task, step, pan_loss, physics, rng)
+        def draw_step(step: int) -> tuple[int, Task, Drawn]:
+            return step, task, draw(self.config, task, np.random.default_rng([self.config.seed, step]))
 
         first = self.epoch * self.steps_per_epoch
-        pending = pool.submit(draw, first)
+        pending = pool.submit(draw_step, first)
         for step in range(first, first + self.steps_per_epoch):
             drawn = pending.result()
             if step + 1 < first + self.steps_per_epoch:
-                pending = pool.submit(draw, step + 1)
+                pending = pool.submit(draw_step, step + 1)
             yield drawn
 
-    def _step(self, step: int, task: Task, pan_loss: bool, batch: Batch) -> Progress:
+    def _step(self, step: int, task: Task, drawn: Drawn) -> Progress:
         """One step of Adam; a gradient that is not finite skips it."""
         config = self.config
-        batch = batch.to(self.device)
+        batch = drawn.batch.to(self.device)
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(config, step / self.steps)
 
         with torch.autocast(self.device.type, torch.bfloat16, enabled=config.precision == "bfloat16"):
-            motion = decode(self.model, batch.command, batch.static_limit, batch.kinetic_limit, not pan_loss)
-        if pan_loss:
+            if drawn.disturbance is not None:
+                batch = disturb(self.model, batch, drawn.disturbance)
+            law = batch.static_limit, batch.kinetic_limit
+            motion = decode(self.model, batch.command, *law, not drawn.pan_loss, batch.before, batch.noise)
+        if drawn.pan_loss:
             assert batch.pan_position is not None
             loss = loss_pan(motion.states, motion.covariance, batch.pan_position, batch.mask)
         else:
-            limit = config.pan_limit - config.pan_margin
-            repeat = config.repeat * task.repeat
-            weights = Weights(config.alpha, config.beta, config.gamma, limit, config.tracking, repeat, config.stroke)
-            loss = loss_object(motion.states, motion.u, motion.covariance, batch.object_position, batch.mask, weights)
+            loss = loss_object(
+                motion.states,
+                motion.u,
+                motion.covariance,
+                batch.object_position,
+                batch.mask,
+                loss_weights(config, task),
+                None if batch.before is None else last_acceleration(batch.before),
+            )
 
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
@@ -279,6 +328,26 @@ class Trainer:
         self.optimizer.load_state_dict(checkpoint["optimizer"])
         self.epoch, self.skipped = checkpoint["epoch"], checkpoint["skipped"]
         self.recent_skips = checkpoint["recent_skips"]
+
+
+def loss_weights(config: TrainConfig, task: Task) -> Weights:
+    """Return the weights of the loss L in `task`."""
+    return Weights(
+        config.alpha,
+        config.beta,
+        config.gamma,
+        config.pan_limit - config.pan_margin,
+        config.tracking,
+        config.jerk,
+        config.jerk_limit * DT,
+        config.repeat * task.repeat,
+        config.stroke,
+    )
+
+
+def last_acceleration(before: Tensor) -> Tensor:
+    """Return the acceleration (B, 2) (m/s^2) that led to the last of the pan's states in (B, C, 8), C at least 2."""
+    return (before[:, -1, 2:4] - before[:, -2, 2:4]) / DT
 
 
 def settle_precision(precision: Precision, device: torch.device) -> Precision:

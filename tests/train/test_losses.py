@@ -90,7 +90,15 @@ def test_change_of_acceleration_is_penalized():
     smooth = loss_object(states, u, covariance, wanted, mask, weights)
     u[0, 2] = torch.tensor([3.0, 4.0])
     rough = loss_object(states, u, covariance, wanted, mask, weights)
-    assert (rough - smooth).item() == pytest.approx(2.0 * (5.0 + 5.0) / 3)
+    assert (rough - smooth).item() == pytest.approx(2.0 * (5.0 + 5.0) / 4)
+
+
+def test_change_of_acceleration_counts_from_the_sample_before_the_first():
+    states, u, covariance, wanted, mask = motion()
+    weights = Weights(alpha=1.0, beta=0.0, gamma=2.0, pan_limit=0.2, jerk=3.0, largest_change=4.0)
+    at_rest = loss_object(states, u, covariance, wanted, mask, weights)
+    moving = loss_object(states, u, covariance, wanted, mask, weights, torch.tensor([[3.0, 4.0]], dtype=torch.float64))
+    assert (moving - at_rest).item() == pytest.approx((2.0 * 5.0 + 3.0 * (5.0 - 4.0)) / 4)
 
 
 def test_smooth_motion_has_a_finite_gradient():
