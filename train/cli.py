@@ -65,6 +65,10 @@ def slide_train(
     resume: Annotated[
         Path | None, typer.Option("--resume", help="Continue the run in this folder.", metavar="RUN")
     ] = None,
+    init: Annotated[
+        Path | None,
+        typer.Option("--init", help="Begin with the weights of this run or bundle.", metavar="RUN_OR_BUNDLE"),
+    ] = None,
     model: Annotated[ModelName | None, typer.Option(help="Model A, B or C of the paper's Section V-B.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the weights and of all that is drawn.")] = None,
     epochs: Annotated[int | None, typer.Option(help="Epochs over which the curriculum is stretched.")] = None,
@@ -75,7 +79,7 @@ def slide_train(
 ) -> None:
     """Train a network; each epoch leaves a checkpoint from which --resume continues."""
     with extra("train"):
-        from train.config import load_config
+        from train.config import load_config, trains_from_scratch
     settings = load_config(
         config,
         model=None if model is None else model.value,
@@ -86,10 +90,17 @@ def slide_train(
     )
     if resume is not None and run_folder is not None:
         raise InputError("--run and --resume both name the run's folder: give one of them")
+    if resume is not None and init is not None:
+        raise InputError("--init and --resume both say what to begin with: give one of them")
+    if resume is None and init is None and not trains_from_scratch(settings):
+        raise InputError(
+            f"configuration {settings.name} goes on from a trained network: slide-train base, then --init runs/base"
+        )
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
     with extra("train"):
         from train.trainer import CHECKPOINT, Trainer, load_checkpoint  # torch takes seconds to load
+        from train.warm_start import begin_with
 
     if resume is None and (folder / CHECKPOINT).exists():
         raise OutputError(f"{folder} holds a run already: continue it with --resume {folder}, or give another --run")
@@ -99,6 +110,8 @@ def slide_train(
     trainer = Trainer(settings, folder, _device(device))
     if checkpoint is not None:
         trainer.resume(checkpoint)
+    elif init is not None:
+        begin_with(trainer, init)
     try:
         with _progress(trainer, quiet=as_json) as report:
             trainer.train(report)

@@ -34,7 +34,7 @@ class TrainConfig(BaseModel):
 
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", description="name of the configuration and of the bundle")
     model: Model = Field("A", description="model A, B or C of Section V-B")
-    curriculum: Literal["table-1", "gradual"] = "gradual"
+    curriculum: Literal["table-1", "gradual", "shorter-strokes"] = "gradual"
     seed: int = Field(0, ge=0)
 
     units: Count = Field(256, description="LSTM units per layer")
@@ -103,6 +103,8 @@ class TrainConfig(BaseModel):
             raise ValueError(f"samples: {self.samples[0]} is shorter than a chunk of {self.chunk}")
         if self.stroke > self.chunk:
             raise ValueError(f"stroke: {self.stroke} samples are longer than a chunk of {self.chunk}")
+        if self.model != "A" and not trains_from_scratch(self):
+            raise ValueError(f"model: {self.model} is trained from scratch, which curriculum {self.curriculum} is not")
         if self.pan_margin >= self.pan_limit:
             raise ValueError(
                 f"pan_margin: {self.pan_margin:g} m leaves nothing of the pan_limit of {self.pan_limit:g} m"
@@ -134,7 +136,20 @@ BROAD = {
 """The mix of commands that people give."""
 
 CONFIGURATIONS: dict[str, TrainConfig] = {
-    "default": TrainConfig(name="default", families=BROAD),
+    "base": TrainConfig(name="base", families=BROAD),
+    "default": TrainConfig(
+        name="default",
+        families=BROAD,
+        curriculum="shorter-strokes",
+        epochs=64,
+        learning_rate=8e-4,
+        gamma=0.2,
+        repeat=0.3,
+        jerk=1.0,
+        lead_in=0.3,
+        displaced=0.2,
+        noisy=0.2,
+    ),
     "smoke": TrainConfig(
         name="smoke",
         families=BROAD,
@@ -170,6 +185,11 @@ CONFIGURATIONS: dict[str, TrainConfig] = {
     ),
 }
 """Configurations by name; any other comes from a JSON file."""
+
+
+def trains_from_scratch(config: TrainConfig) -> bool:
+    """Return whether the configuration's curriculum begins with stage 1, or goes on from a network that is trained."""
+    return CURRICULA[config.curriculum][0].number == 1
 
 
 def load_config(source: str, **changes: object) -> TrainConfig:

@@ -51,13 +51,20 @@ TABLE_I = (
 # Fades each task into the next one instead, is done with the physics-generated trajectories early, and varies friction.
 GRADUAL = (
     Stage(1, 6, pan_loss=ALWAYS, physics=ALWAYS),
-    Stage(2, 12, pan_loss=(1.0, 0.0), physics=ALWAYS, repeat=ALWAYS),
-    Stage(3, 14, pan_loss=NEVER, physics=ALWAYS, varied_friction=True, repeat=ALWAYS),
-    Stage(4, 18, pan_loss=NEVER, physics=(1.0, 0.0), varied_friction=True, repeat=ALWAYS),
-    Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=(1.0, 0.0), disturbed=True),
+    Stage(2, 12, pan_loss=(1.0, 0.0), physics=ALWAYS),
+    Stage(3, 14, pan_loss=NEVER, physics=ALWAYS, varied_friction=True),
+    Stage(4, 18, pan_loss=NEVER, physics=(1.0, 0.0), varied_friction=True),
+    Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
 )
 
-CURRICULA = {"table-1": TABLE_I, "gradual": GRADUAL}
+# For a network that has learned all of that: makes it stick and slip more often, then leaves it to find its best.
+SHORTER_STROKES = (
+    Stage(5, 16, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=ALWAYS, disturbed=True),
+    Stage(5, 32, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=(1.0, 0.0), disturbed=True),
+    Stage(5, 64, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
+)
+
+CURRICULA = {"table-1": TABLE_I, "gradual": GRADUAL, "shorter-strokes": SHORTER_STROKES}
 
 
 @dataclass(frozen=True)

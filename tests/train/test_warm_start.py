@@ -1,0 +1,56 @@
+"""Weights to begin with: a run's or a bundle's, and no others."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from export.bundle import export_bundle
+from runtime.errors import FormatError, InputError
+from train.config import load_config
+from train.trainer import Trainer, build_model
+from train.warm_start import load_weights
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """An untrained run of the smoke configuration."""
+    folder = tmp_path_factory.mktemp("run")
+    trainer = Trainer(load_config("smoke"), folder)
+    trainer.save()
+    return folder, trainer.evaluated_model().state_dict()
+
+
+def other(**changes):
+    return build_model(load_config("smoke", seed=1).model_copy(update=changes))
+
+
+def test_weights_of_a_run_are_its_networks(run):
+    folder, weights = run
+    model = other()
+    load_weights(model, folder)
+    assert all(torch.equal(tensor, weights[name]) for name, tensor in model.state_dict().items())
+
+
+def test_weights_of_a_bundle_are_its_networks_but_for_the_covariances(run, tmp_path):
+    folder, weights = run
+    export_bundle(folder, tmp_path / "bundle")
+    model, fresh = other(), other().state_dict()
+    load_weights(model, tmp_path / "bundle")
+    for name, tensor in model.state_dict().items():
+        rows = 2 * model.chunk if name.startswith("output") else len(tensor)
+        assert torch.equal(tensor[:rows], weights[name][:rows]), name
+        assert torch.equal(tensor[rows:], fresh[name][rows:]), name
+
+
+def test_network_of_another_width_is_refused(run, tmp_path):
+    folder, _ = run
+    export_bundle(folder, tmp_path / "bundle")
+    for source in (folder, tmp_path / "bundle"):
+        with pytest.raises(InputError, match=r"\(64, 400\), this network's is \(96, 400\)"):
+            load_weights(other(units=24), source)
+
+
+def test_what_is_neither_run_nor_bundle_is_refused(tmp_path):
+    with pytest.raises(FormatError, match="no such checkpoint"):
+        load_weights(other(), tmp_path)
