@@ -89,22 +89,34 @@ def slide_train(
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
     with extra("train"):
-        from train.trainer import CHECKPOINT, Trainer, load_checkpoint  # torch takes seconds to load
+        from train.parallel import process_group  # torch takes seconds to load
+        from train.trainer import CHECKPOINT, Trainer, load_checkpoint
 
     if resume is None and (folder / CHECKPOINT).exists():
         raise OutputError(f"{folder} holds a run already: continue it with --resume {folder}, or give another --run")
     checkpoint = None if resume is None else load_checkpoint(resume)
     if checkpoint is not None and settings.precision == "auto":
         settings = settings.model_copy(update={"precision": checkpoint["config"].get("precision", "auto")})
-    trainer = Trainer(settings, folder, _device(device))
-    if checkpoint is not None:
-        trainer.resume(checkpoint)
+    where = _device(device)
+    with process_group(where):
+        trainer = Trainer(settings, folder, where)
+        if checkpoint is not None:
+            trainer.resume(checkpoint)
+        _train(trainer, folder, as_json)
+
+
+def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
+    """Train, and say what came of it; process 0 speaks for all."""
+    from train.parallel import rank
+    from train.trainer import CHECKPOINT
+
     try:
-        with _progress(trainer, quiet=as_json) as report:
+        with _progress(trainer, quiet=as_json or rank() > 0) as report:
             trainer.train(report)
     except KeyboardInterrupt:
         then = f"continue with --resume {folder}" if trainer.epoch else "there is no checkpoint yet"
-        say("slide-train", f"interrupted after epoch {trainer.epoch}; {then}")
+        if rank() == 0:
+            say("slide-train", f"interrupted after epoch {trainer.epoch}; {then}")
         raise
     summary = {
         "checkpoint": str(folder / CHECKPOINT),
@@ -112,6 +124,8 @@ def slide_train(
         "steps_skipped": trainer.skipped,
         "validation": trainer.validation,
     }
+    if rank() > 0:
+        return
     if as_json:
         print_json(summary)
     else:
