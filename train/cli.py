@@ -173,7 +173,12 @@ def _figures(step: Any) -> str:
 
 
 def slide_eval(
-    sources: Annotated[list[Path], typer.Argument(help="Runs, checkpoints or bundles.", show_default=False)],
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            help="Runs, checkpoints or bundles, each with a name if you like: A=runs/paper.", show_default=False
+        ),
+    ],
     reproduce: Annotated[
         Path | None, typer.Option(help="Write the paper's evaluation into this folder.", metavar="DIR")
     ] = None,
@@ -186,7 +191,11 @@ def slide_eval(
     with extra("train"):
         from train.commands import FAMILIES
         from train.evaluate import evaluate, load_subject
-    subjects = [load_subject(source) for source in sources]
+    subjects = [load_subject(path, name) for name, path in map(_named, sources)]
+    names = [subject.name for subject in subjects]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two of the models are called {twice!r}: give one another name, as in best=FOLDER")
     arm_tables = _on_arm(subjects) if pybullet else {}
     if reproduce is not None:
         from train.reproduction import reproduce as write_reproduction
@@ -204,6 +213,12 @@ def slide_eval(
         _print_rows(name, table)
         if pybullet:
             _print_arm_rows(name, arm_tables[name])
+
+
+def _named(source: str) -> tuple[str, Path]:
+    """Take NAME=PATH apart; a path alone may hold the sign in its folders."""
+    name, sign, path = source.partition("=")
+    return (name, Path(path)) if sign and "/" not in name else ("", Path(source))
 
 
 def _on_arm(subjects: Sequence[Subject]) -> dict[str, dict[str, ArmRow]]:
