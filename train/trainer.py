@@ -351,7 +351,7 @@ def tracking(states: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
 
 def validate(model: Seq2Seq, config: TrainConfig, device: torch.device) -> dict[str, float]:
     """Tracking and reach (m) on fixed commands of each family of the configuration, under nominal friction."""
-    figures = {}
+    figures: dict[str, float] = {}
     for name in config.families:
         rng = np.random.default_rng(VALIDATION_SEED)
         commands = free_commands(
