@@ -197,6 +197,15 @@ def friction_table(outcome: Outcome) -> tuple[FrictionCell, ...]:
     )
 
 
+def measured_states(planned: Sequence[FloatArray], family: Family) -> list[FloatArray]:
+    """Return where pan and object go, one (K, 8) array a command, in the rows of `runtime.plan`.
+
+    Raises:
+        InputError: a plan is not (K, 2) finite numbers; the command is named.
+    """
+    return _move(_checked(planned, family), family)
+
+
 def _checked(planned: Sequence[FloatArray], family: Family) -> list[FloatArray]:
     if len(planned) != len(family):
         raise InputError(f"{family.name}: {len(planned)} plans for {len(family)} commands")

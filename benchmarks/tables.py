@@ -145,7 +145,20 @@ def training_tables(training: Training, verdicts: Sequence[Verdict]) -> list[Tab
     }
     size = f"{training.batch} x {training.samples} samples, {training.units} units"
     title = f"Training step, one thread: {size}, {training.precision}"
-    return _figures_tables(title, verdicts, details)
+    rows = [
+        (
+            each.configuration,
+            f"{each.units}",
+            f"{each.batch} x {each.samples}, {each.precision}",
+            f"{each.step:.2f}",
+            f"{each.steps:,}",
+            f"{each.duration / 3600.0:.1f}",
+        )
+        for each in training.projections
+    ]
+    header = ("configuration", "units", "step", "s/step", "steps", "hours")
+    whole = table("Whole trainings on one thread, projected from a few steps", header, rows)
+    return [*_figures_tables(title, verdicts, details), whole]
 
 
 def _figures_tables(

@@ -1,7 +1,8 @@
-"""What a training step costs on one thread: forward and backward of the default configuration, and friction's share."""
+"""What training costs on one thread: a step, friction's share of it, and whole configurations."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,40 @@ An untrained network's accelerations, well under 1 m/s^2, would leave every obje
 adjoint are cheapest; on a pan this slippery the objects slide.
 """
 
+PROJECTED = {
+    "default": CONFIGURATIONS["default"],
+    "default, 512 units": CONFIGURATIONS["default"].model_copy(update={"units": 512}),
+    "paper": CONFIGURATIONS["paper"],
+}
+"""Configurations whose whole cost is projected from a step or two."""
+
+PROJECTION_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Projection:
+    """What a whole configuration would cost, from steps at its mean length, drawing and validation left out.
+
+    Attributes:
+        configuration: its name.
+        units: LSTM units per layer.
+        batch: trajectories of a step.
+        samples: mean length of a trajectory, to a whole chunk.
+        precision: of the network's matrix products, as the configuration trains on this machine.
+        step: forward, backward and Adam (s).
+        steps: of the whole run.
+        duration: of the whole run (s).
+    """
+
+    configuration: str
+    units: int
+    batch: int
+    samples: int
+    precision: Precision
+    step: float
+    steps: int
+    duration: float
+
 
 @dataclass(frozen=True)
 class Training:
@@ -42,6 +77,7 @@ class Training:
         step_float32: the same in float32 (s); None if that is the precision.
         friction: the rollout and its adjoint alone, same shapes and motion (s).
         friction_share: median of friction over step, round by round (0 to 1).
+        projections: the cost of whole configurations.
     """
 
     units: int
@@ -52,13 +88,18 @@ class Training:
     step_float32: Spread | None
     friction: Spread
     friction_share: float
+    projections: tuple[Projection, ...]
 
 
-def measure(config: TrainConfig = CONFIGURATIONS["default"], rounds: int = ROUNDS) -> Training:
+def measure(
+    config: TrainConfig = CONFIGURATIONS["default"],
+    rounds: int = ROUNDS,
+    projected: Mapping[str, TrainConfig] = PROJECTED,
+) -> Training:
     """Time a training step of `config`, batch and length apart, and the rollouts in it by themselves."""
     with torch.random.fork_rng():  # building a network seeds torch's own generator
         model = build_model(config)
-    batch = _batch(SAMPLES // config.chunk * config.chunk)
+    batch = _batch(BATCH, SAMPLES // config.chunk * config.chunk)
     weights = Weights(config.alpha, config.beta, config.gamma, config.pan_limit)
     chunks = decoded_chunks(model, batch)
     precision = settle_precision(config.precision, torch.device("cpu"))
@@ -77,14 +118,34 @@ def measure(config: TrainConfig = CONFIGURATIONS["default"], rounds: int = ROUND
         step_float32=None if precision == "float32" else Spread.of(durations["float32"]),
         friction=Spread.of(durations["friction"]),
         friction_share=float(np.median(durations["friction"] / durations[precision])),
+        projections=tuple(project(name, each) for name, each in projected.items()),
     )
 
 
-def _batch(samples: int) -> Batch:
-    """Return the beginnings of the spline commands as a batch of the training."""
-    position = np.stack([position[:samples] for position in spline().positions[:BATCH]])
-    static, kinetic = (np.full(BATCH, coefficient) for coefficient in SLIPPERY)
-    return make_batch(position, np.full(BATCH, samples), None, static, kinetic)
+def project(name: str, config: TrainConfig) -> Projection:
+    """Time steps of `config` at its own batch and mean length, and multiply."""
+    with torch.random.fork_rng():
+        model = build_model(config)
+    samples = round(sum(config.samples) / 2 / config.chunk) * config.chunk
+    batch, weights = _batch(config.batch, samples), Weights(config.alpha, config.beta, config.gamma, config.pan_limit)
+    precision = settle_precision(config.precision, torch.device("cpu"))
+    optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+
+    def whole_step() -> None:
+        step(model, batch, weights, precision)
+        optimizer.step()
+
+    duration = float(np.median(interleave({"step": whole_step}, PROJECTION_ROUNDS)["step"]))
+    steps = config.epochs * (config.trajectories // config.batch)
+    return Projection(name, config.units, config.batch, samples, precision, duration, steps, steps * duration)
+
+
+def _batch(count: int, samples: int) -> Batch:
+    """Return the beginnings of the spline commands, as often as it takes, as a batch of the training."""
+    commands = spline().positions
+    position = np.stack([commands[index % len(commands)][:samples] for index in range(count)])
+    static, kinetic = (np.full(count, coefficient) for coefficient in SLIPPERY)
+    return make_batch(position, np.full(count, samples), None, static, kinetic)
 
 
 def step(model: Seq2Seq, batch: Batch, weights: Weights, precision: Precision) -> None:

@@ -99,7 +99,8 @@ def slide_train(
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
     with extra("train"):
-        from train.trainer import CHECKPOINT, Trainer, load_checkpoint  # torch takes seconds to load
+        from train.parallel import process_group  # torch takes seconds to load
+        from train.trainer import CHECKPOINT, Trainer, load_checkpoint
         from train.warm_start import begin_with
 
     if resume is None and (folder / CHECKPOINT).exists():
@@ -107,17 +108,28 @@ def slide_train(
     checkpoint = None if resume is None else load_checkpoint(resume)
     if checkpoint is not None and settings.precision == "auto":
         settings = settings.model_copy(update={"precision": checkpoint["config"].get("precision", "auto")})
-    trainer = Trainer(settings, folder, _device(device))
-    if checkpoint is not None:
-        trainer.resume(checkpoint)
-    elif init is not None:
-        begin_with(trainer, init)
+    where = _device(device)
+    with process_group(where):
+        trainer = Trainer(settings, folder, where)
+        if checkpoint is not None:
+            trainer.resume(checkpoint)
+        elif init is not None:
+            begin_with(trainer, init)
+        _train(trainer, folder, as_json)
+
+
+def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
+    """Train, and say what came of it; process 0 speaks for all."""
+    from train.parallel import rank
+    from train.trainer import CHECKPOINT
+
     try:
-        with _progress(trainer, quiet=as_json) as report:
+        with _progress(trainer, quiet=as_json or rank() > 0) as report:
             trainer.train(report)
     except KeyboardInterrupt:
         then = f"continue with --resume {folder}" if trainer.epoch else "there is no checkpoint yet"
-        say("slide-train", f"interrupted after epoch {trainer.epoch}; {then}")
+        if rank() == 0:
+            say("slide-train", f"interrupted after epoch {trainer.epoch}; {then}")
         raise
     summary = {
         "checkpoint": str(folder / CHECKPOINT),
@@ -125,6 +137,8 @@ def slide_train(
         "steps_skipped": trainer.skipped,
         "validation": trainer.validation,
     }
+    if rank() > 0:
+        return
     if as_json:
         print_json(summary)
     else:
@@ -172,7 +186,12 @@ def _figures(step: Any) -> str:
 
 
 def slide_eval(
-    sources: Annotated[list[Path], typer.Argument(help="Runs, checkpoints or bundles.", show_default=False)],
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            help="Runs, checkpoints or bundles, each with a name if you like: A=runs/paper.", show_default=False
+        ),
+    ],
     reproduce: Annotated[
         Path | None, typer.Option(help="Write the paper's evaluation into this folder.", metavar="DIR")
     ] = None,
@@ -185,7 +204,11 @@ def slide_eval(
     with extra("train"):
         from train.commands import FAMILIES
         from train.evaluate import evaluate, load_subject
-    subjects = [load_subject(source) for source in sources]
+    subjects = [load_subject(path, name) for name, path in map(_named, sources)]
+    names = [subject.name for subject in subjects]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two of the models are called {twice!r}: give one another name, as in best=FOLDER")
     arm_tables = _on_arm(subjects) if pybullet else {}
     if reproduce is not None:
         from train.reproduction import reproduce as write_reproduction
@@ -203,6 +226,12 @@ def slide_eval(
         _print_rows(name, table)
         if pybullet:
             _print_arm_rows(name, arm_tables[name])
+
+
+def _named(source: str) -> tuple[str, Path]:
+    """Take NAME=PATH apart; a path alone may hold the sign in its folders."""
+    name, sign, path = source.partition("=")
+    return (name, Path(path)) if sign and "/" not in name else ("", Path(source))
 
 
 def _on_arm(subjects: Sequence[Subject]) -> dict[str, dict[str, ArmRow]]:

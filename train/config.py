@@ -51,7 +51,7 @@ class TrainConfig(BaseModel):
     gradient_clip: Positive = Field(1.0, description="bound on the gradient's norm")
     average: float = Field(0.998, ge=0, lt=1, description="decay of the weights' moving average per step; 0: none")
     precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
-    threads: Count = Field(2, description="CPU threads of torch; resuming bit for bit needs the same number")
+    threads: Count = Field(2, description="CPU threads of each process; resuming bit for bit needs the same number")
 
     tracking: Literal["likelihood", "distance"] = Field("distance", description="of L: Eq. 22, or distance in mm")
     alpha: Positive = Field(1.0, description="weight of the tracking loss, Eq. 22")

@@ -23,6 +23,10 @@ class Disturbance(NamedTuple):
     displacement: FloatArray
     noise: FloatArray
 
+    def rows(self, rows: slice) -> Disturbance:
+        """Return what disturbs some of the trajectories."""
+        return Disturbance(self.lead_in, self.displacement[rows], self.noise[rows])
+
 
 def draw_disturbance(config: TrainConfig, samples: int, rng: np.random.Generator) -> Disturbance:
     """Draw what disturbs a batch of trajectories of `samples` samples, K.

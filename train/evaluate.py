@@ -66,12 +66,17 @@ class Row(NamedTuple):
     change_mean: float
 
 
-def load_subject(source: Path) -> Subject:
+def load_subject(source: Path, name: str = "") -> Subject:
     """Return the network of a run's folder, a checkpoint file or a bundle's folder.
+
+    Args:
+        source: its path.
+        name: what to call it; as its folder if empty.
 
     Raises:
         FormatError, BundleError: it is none of these.
     """
+    name = name or (source.parent.name if source.is_file() else source.name)
     if (source / "manifest.json").exists():
         planner = Planner(source)
 
@@ -83,7 +88,7 @@ def load_subject(source: Path) -> Subject:
                 np.stack([plan.object_position for plan in plans]),
             )
 
-        return Subject(source.name, decode_bundle, planner.stream, planner.bundle.manifest.chunk)
+        return Subject(name, decode_bundle, planner.stream, planner.bundle.manifest.chunk)
 
     config, model = load_model(load_checkpoint(source))
 
@@ -95,7 +100,6 @@ def load_subject(source: Path) -> Subject:
         states = np.concatenate([np.zeros((batch, 1, 8)), motion.states.numpy()], axis=1)[:, :samples]
         return Motions(motion.u.numpy()[:, :samples], states[..., 0:2], states[..., 4:6])
 
-    name = source.name if source.is_dir() else source.parent.name
     return Subject(name, decode_network, lambda position: NetworkStream(model, position), config.chunk)
 
 

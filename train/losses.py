@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from runtime.friction import DT
+from train.parallel import mean_over_processes
 
 POSITION_STD_FLOOR = 1e-3
 """Standard deviation (m) whose square is added to the position covariance: errors below 1 mm are good enough."""
@@ -83,8 +84,8 @@ def gaussian_nll(error: Tensor, covariance: Tensor, floor: float = POSITION_STD_
 
 
 def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
-    """Mean of (B, K) `values` over the samples that count."""
-    return (values * mask).sum() / mask.sum()
+    """Mean of (B, K) `values` over the samples that count; the mean of all processes' is that over the whole batch."""
+    return (values * mask).sum() / mean_over_processes(mask.sum())
 
 
 def loss_pan(states: Tensor, covariance: Tensor, pan_position: Tensor, mask: Tensor) -> Tensor:

@@ -31,8 +31,8 @@ SHOWN = 3
 """The command of the family that the trajectories and snapshots are of."""
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-STILL_PANS = 1.5
-"""Error at which the colours of the friction table end, in errors of a pan that never moves."""
+LOWEST, STILL_PANS = 1.0, 1.5
+"""Errors at which the colours of the friction table begin (mm) and end (in errors of a pan that never moves)."""
 
 
 def reproduce(subjects: Sequence[Subject], folder: Path, arm_rows: ArmRows | None = None) -> list[Path]:
@@ -113,20 +113,23 @@ def _draw(axes: Any, time: NDArray[np.floating[Any]], position: FloatArray, **st
 
 def _friction(figure_class: Any, subjects: Sequence[Subject]) -> Any:
     """Fig. 11: mean reproduction error over static x kinetic friction, the same trajectories in every cell."""
+    from matplotlib.colors import LogNorm
+
     position = commands_of(FAMILY, TRAJECTORIES_PER_CELL)
     tables = [_friction_table(subject, position) for subject in subjects]
     figure = figure_class(figsize=(4.2 * len(subjects), 3.9), layout="constrained")
-    # A still pan's error is the yardstick: what is far beyond it would take the colours from all the rest.
+    # Logarithmic, for models are apart by more than ten times; a still pan's error is the yardstick, far beyond which
+    # there is nothing to tell.
     still = tracking_rmse(np.zeros_like(position), position).mean()
     highest = STILL_PANS * MM * float(still)
     for axes, subject, table in zip(np.atleast_1d(figure.subplots(1, len(subjects))), subjects, tables, strict=True):
-        image = axes.imshow(table, origin="lower", vmin=0.0, vmax=highest, cmap="viridis")
+        image = axes.imshow(table, origin="lower", norm=LogNorm(LOWEST, highest, clip=True), cmap="viridis")
         axes.set(title=f"{subject.name}: RMS error (mm)", xlabel="static friction", ylabel="kinetic friction")
         axes.set_xticks(range(len(STATIC)), [f"{value:g}" for value in STATIC])
         axes.set_yticks(range(len(KINETIC)), [f"{value:g}" for value in KINETIC])
         for (row, column), value in np.ndenumerate(table):
             if np.isfinite(value):
-                colour = "black" if value > 0.6 * highest else "white"
+                colour = "black" if image.norm(value) > 0.6 else "white"
                 axes.text(column, row, f"{value:.1f}", ha="center", va="center", color=colour, fontsize=8)
     figure.colorbar(image, ax=figure.axes, shrink=0.8, label="mm", extend="max")
     return figure

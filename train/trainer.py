@@ -6,25 +6,28 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torch.utils.tensorboard import SummaryWriter
 
 from runtime.command import command_velocity
 from runtime.errors import FormatError, InputError, OutputError, SlideError
 from runtime.friction import DT, GRAVITY
-from train.closed_loop import decode, lead_in
+from train.closed_loop import Motion, decode, lead_in
 from train.commands import FloatArray, free_commands, physics_commands
 from train.config import Precision, TrainConfig
 from train.curriculum import CURRICULA, Task, task_at
 from train.disturbances import Disturbance, draw_disturbance
 from train.losses import Weights, loss_object, loss_pan
 from train.model import Seq2Seq
+from train.parallel import mean_over_processes, processes, rank, share
 
 CHECKPOINT = "checkpoint.pt"
 CHECKPOINT_FORMAT = "slide-checkpoint/1"
@@ -34,6 +37,9 @@ SKIP_WINDOW = 100
 
 SKIP_LIMIT = 20
 """More skipped steps than this in the window end the run: the weights are beyond recovery."""
+
+OF_THE_MACHINE = {"threads", "precision"}
+"""Keys of a configuration that a resumed run may change: they say how it is computed, not what is learned."""
 
 VALIDATION_SEED = 2018
 VALIDATION_COMMANDS = 64
@@ -63,6 +69,10 @@ class Batch(NamedTuple):
         """Return the batch on another device."""
         return Batch(*(None if tensor is None else tensor.to(device) for tensor in self))  # type: ignore[arg-type]
 
+    def rows(self, rows: slice) -> Batch:
+        """Return some of the trajectories."""
+        return Batch(*(None if tensor is None else tensor[rows] for tensor in self))  # type: ignore[arg-type]
+
 
 class Progress(NamedTuple):
     """What a run reports after each step; errors and reach in metres."""
@@ -89,6 +99,11 @@ class Drawn(NamedTuple):
     pan_loss: bool
     batch: Batch
     disturbance: Disturbance | None
+
+    def rows(self, rows: slice) -> Drawn:
+        """Return some of the trajectories."""
+        disturbance = None if self.disturbance is None else self.disturbance.rows(rows)
+        return Drawn(self.pan_loss, self.batch.rows(rows), disturbance)
 
 
 def draw(config: TrainConfig, task: Task, rng: np.random.Generator) -> Drawn:
@@ -164,20 +179,41 @@ def _next(position: FloatArray) -> FloatArray:
     return np.concatenate([position[:, 1:], position[:, -1:]], axis=1)
 
 
+class Decoding(nn.Module):
+    """`decode` as a module's forward(), around which DistributedDataParallel averages the gradients."""
+
+    def __init__(self, model: Seq2Seq) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, *arguments: Any) -> Motion:
+        """Decode in closed loop; see `decode`."""
+        return decode(self.model, *arguments)
+
+
 class Trainer:
     """A training run in a folder: `checkpoint.pt` after every epoch, TensorBoard scalars beside it.
+
+    Several processes (`train.parallel`) train as one: each has its own trainer, and process 0 writes.
 
     Args:
         config: what to train.
         run: folder of the run; made if need be.
         device: "cpu" or "cuda".
+
+    Raises:
+        InputError: the batch cannot be shared evenly by the processes.
     """
 
     def __init__(self, config: TrainConfig, run: Path, device: str = "cpu") -> None:
         torch.set_num_threads(config.threads)
         self.run, self.device = run, torch.device(device)
         self.config = config.model_copy(update={"precision": settle_precision(config.precision, self.device)})
+        self.share = share(config.batch)
         self.model = build_model(config).to(self.device)
+        self.decoding: nn.Module = Decoding(self.model)
+        if processes() > 1:
+            self.decoding = DistributedDataParallel(self.decoding, broadcast_buffers=False)
         self.average = AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.average))  # type: ignore[no-untyped-call]
         self.optimizer = torch.optim.Adam(self.model.parameters(), lr=config.learning_rate)
         self.steps_per_epoch = config.trajectories // config.batch
@@ -198,19 +234,25 @@ class Trainer:
             TrainingError: too many steps in a row had a gradient that is not finite.
             OutputError: a checkpoint could not be written; the one before is untouched.
         """
-        writer = SummaryWriter(str(self.run / "tensorboard"), purge_step=self.epoch * self.steps_per_epoch)
-        with writer, ThreadPoolExecutor(1) as pool:
+        purge = self.epoch * self.steps_per_epoch
+        scalars = SummaryWriter(str(self.run / "tensorboard"), purge_step=purge) if rank() == 0 else nullcontext()
+        with scalars as writer, ThreadPoolExecutor(1) as pool:
             while self.epoch < self.config.epochs:
                 for step, task, drawn in self._batches(pool):
                     progress = self._step(step, task, drawn)
-                    report(progress)
-                    if step % 10 == 0:
-                        self._log(writer, progress)
+                    if writer is not None:
+                        report(progress)
+                        if step % 10 == 0:
+                            self._log(writer, progress)
                 self.epoch += 1
-                self.validation = validate(self.evaluated_model(), self.config, self.device)
-                for name, value in self.validation.items():
-                    writer.add_scalar(f"validation/{name}", value, self.epoch * self.steps_per_epoch)
-                self.save()
+                if writer is not None:
+                    self._end_epoch(writer)
+
+    def _end_epoch(self, writer: SummaryWriter) -> None:
+        self.validation = validate(self.evaluated_model(), self.config, self.device)
+        for name, value in self.validation.items():
+            writer.add_scalar(f"validation/{name}", value, self.epoch * self.steps_per_epoch)
+        self.save()
 
     def _batches(self, pool: ThreadPoolExecutor) -> Iterator[tuple[int, Task, Drawn]]:
         """Yield one epoch's steps; the next batch is drawn in another thread while the network works on this one.
@@ -220,7 +262,8 @@ class Trainer:
         task = task_at(CURRICULA[self.config.curriculum], self.config.model, self.epoch + 1, self.config.epochs)
 
         def draw_step(step: int) -> tuple[int, Task, Drawn]:
-            return step, task, draw(self.config, task, np.random.default_rng([self.config.seed, step]))
+            drawn = draw(self.config, task, np.random.default_rng([self.config.seed, step]))
+            return step, task, drawn.rows(self.share)
 
         first = self.epoch * self.steps_per_epoch
         pending = pool.submit(draw_step, first)
@@ -241,7 +284,7 @@ class Trainer:
             if drawn.disturbance is not None:
                 batch = disturb(self.model, batch, drawn.disturbance)
             law = batch.static_limit, batch.kinetic_limit
-            motion = decode(self.model, batch.command, *law, not drawn.pan_loss, batch.before, batch.noise)
+            motion = self.decoding(batch.command, *law, not drawn.pan_loss, batch.before, batch.noise)
         if drawn.pan_loss:
             assert batch.pan_position is not None
             loss = loss_pan(motion.states, motion.covariance, batch.pan_position, batch.mask)
@@ -259,14 +302,16 @@ class Trainer:
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), config.gradient_clip)
-        if bool(torch.isfinite(norm)) and bool(torch.isfinite(loss)):
+        # What is decided on is the same in every process, or their weights would part.
+        whole = torch.stack([loss.detach(), *tracking(motion.states.detach(), batch)])
+        value, error, reach = mean_over_processes(whole).tolist()
+        if bool(torch.isfinite(norm)) and math.isfinite(value):
             self.optimizer.step()
             self.average.update_parameters(self.model)
         else:
             self._count_skip(step)
 
-        error, reach = tracking(motion.states.detach(), batch)
-        return Progress(self.epoch + 1, step + 1, self.steps, task.stage, loss.item(), error, reach, self.skipped)
+        return Progress(self.epoch + 1, step + 1, self.steps, task.stage, value, error, reach, self.skipped)
 
     def _count_skip(self, step: int) -> None:
         self.skipped += 1
@@ -314,13 +359,16 @@ class Trainer:
         }
 
     def resume(self, checkpoint: dict[str, Any]) -> None:
-        """Continue from `checkpoint`, as read by `load_checkpoint`.
+        """Continue from `checkpoint`, as read by `load_checkpoint`, on this machine, however many processes.
 
         Raises:
             InputError: it belongs to another configuration; the differences are named.
         """
         mine, theirs = self.config.model_dump(mode="json"), checkpoint["config"]
-        differences = [f"{key}: {theirs.get(key)!r} -> {mine[key]!r}" for key in mine if mine[key] != theirs.get(key)]
+        learned = [key for key in mine if key not in OF_THE_MACHINE]
+        differences = [
+            f"{key}: {theirs.get(key)!r} -> {mine[key]!r}" for key in learned if mine[key] != theirs.get(key)
+        ]
         if differences:
             raise InputError(f"the run in {self.run} has another configuration: {'; '.join(differences)}")
         self.model.load_state_dict(checkpoint["model"])
@@ -367,17 +415,17 @@ def learning_rate(config: TrainConfig, progress: float) -> float:
     return config.final_learning_rate + (config.learning_rate - config.final_learning_rate) * share
 
 
-def tracking(states: Tensor, batch: Batch) -> tuple[float, float]:
+def tracking(states: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
     """Mean over the batch of the RMS tracking error (m), and of the pan's reach (m)."""
     squared = ((states[..., 4:6] - batch.object_position) ** 2).sum(-1) * batch.mask
     error = torch.sqrt(squared.sum(1) / batch.mask.sum(1)).mean()
     reach = torch.linalg.vector_norm(states[..., 0:2], dim=-1).amax(1).mean()
-    return error.item(), reach.item()
+    return error, reach
 
 
 def validate(model: Seq2Seq, config: TrainConfig, device: torch.device) -> dict[str, float]:
     """Tracking and reach (m) on fixed commands of each family of the configuration, under nominal friction."""
-    figures = {}
+    figures: dict[str, float] = {}
     for name in config.families:
         rng = np.random.default_rng(VALIDATION_SEED)
         commands = free_commands(
@@ -388,7 +436,8 @@ def validate(model: Seq2Seq, config: TrainConfig, device: torch.device) -> dict[
         batch = batch.to(device)
         with torch.no_grad():
             motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
-        figures[f"{name}_tracking"], figures[f"{name}_reach"] = tracking(motion.states, batch)
+        error, reach = tracking(motion.states, batch)
+        figures |= {f"{name}_tracking": error.item(), f"{name}_reach": reach.item()}
     return figures
 
 

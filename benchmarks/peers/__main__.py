@@ -1,4 +1,4 @@
-"""`python -m benchmarks.peers`: the network beside the optimizer, on the same commands in the same run."""
+"""`python -m benchmarks.peers`: the network beside two optimizers, on the same commands in the same run."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ from runtime.friction import FloatArray, Friction
 from runtime.planner import Planner
 
 NAME = "benchmarks.peers"
+MPPI_COMMANDS = 4
+"""Commands of each family that the slowest planner is given, unless told otherwise; the table says how many."""
+
 DEFAULT_FAMILIES = tuple(name for name in FAMILIES if name != "friction")
 
 
 @dataclass(frozen=True)
 class Row:
-    """One planner on one family; lengths in metres, `cpu` in seconds of processor time per plan."""
+    """One planner on one family; lengths in metres, `cpu` in seconds of processor time per plan, `speed` in samples per such second."""
 
     family: str
     planner: str
@@ -34,6 +37,7 @@ class Row:
     within: float
     change_mean: float
     cpu: float
+    speed: float
 
 
 def main(
@@ -42,22 +46,30 @@ def main(
     ] = None,
     family: Annotated[list[str] | None, typer.Option(help="Family of the suite; may be repeated.")] = None,
     commands: Annotated[int | None, typer.Option(min=1, help="Only the first commands of each family.")] = None,
-    candidates: Annotated[int, typer.Option(min=8, help="The optimizer's candidates in an iteration.")] = 512,
-    iterations: Annotated[int, typer.Option(min=1, help="The optimizer's iterations in a planning.")] = 20,
+    candidates: Annotated[int, typer.Option(min=8, help="The optimizers' candidates in an iteration.")] = 512,
+    iterations: Annotated[int, typer.Option(min=1, help="The optimizers' iterations in a planning.")] = 20,
+    mppi: Annotated[
+        int, typer.Option(min=0, help="Commands of each family that MPPI is given, its first ones; 0 leaves it out.")
+    ] = MPPI_COMMANDS,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the network beside a sampling optimizer that is told the friction."""
+    """Measure the network beside two sampling optimizers that are told the friction."""
     with extra("train"):
         from benchmarks.peers.cross_entropy import CrossEntropy  # needs numba
     planner, optimizer = Planner(model), CrossEntropy(candidates, iterations)
-    contestants: dict[str, PlanFunction] = {
-        planner.bundle.manifest.name: one_by_one(planner),
-        optimizer.name: optimizer,
+    contestants: dict[str, tuple[PlanFunction, int | None]] = {
+        planner.bundle.manifest.name: (one_by_one(planner), None),
+        optimizer.name: (optimizer, None),
     }
+    if mppi:
+        with extra("dev"):
+            from benchmarks.peers.mppi import PathIntegral  # needs pytorch-mppi
+        integral = PathIntegral(candidates, iterations)
+        contestants[integral.name] = (integral, mppi)
     rows = []
     for chosen in suite(family or DEFAULT_FAMILIES).values():
-        part = first(chosen, commands)
-        for name, plan in contestants.items():
+        for name, (plan, most) in contestants.items():
+            part = first(first(chosen, commands), most)
             plan(part.positions[:1], part.frictions[:1])  # warms up, compiles
             timed = Timed(plan)
             rows.append(summary(name, measure(timed, part), timed.cpu))
@@ -117,13 +129,14 @@ def summary(planner: str, outcome: Outcome, cpu: float) -> Row:
         within=float(np.mean(outcome.pan_reach <= PAN_REACH)),
         change_mean=float(outcome.change_mean.mean()),
         cpu=cpu / count,
+        speed=sum(map(len, outcome.family.positions)) / cpu,
     )
 
 
 def _print(rows: Sequence[Row]) -> None:
     from benchmarks.tables import print_tables, table
 
-    header = ("family", "planner", "n", "RMSE", "worst", "reach", f"<= {PAN_REACH * MM:.0f}", "|du|", "CPU (ms)")
+    header = ("family", "planner", "n", "RMSE", "worst", "reach", f"<= {PAN_REACH * MM:.0f}", "|du|", "ms", "samples/s")
     lines = [
         (
             row.family,
@@ -134,11 +147,14 @@ def _print(rows: Sequence[Row]) -> None:
             f"{row.pan_reach_max * MM:.0f}",
             f"{row.within:.0%}",
             f"{row.change_mean:.2f}",
-            f"{row.cpu * 1e3:.1f}",
+            f"{row.cpu * 1e3:.0f}",
+            f"{row.speed:,.0f}",
         )
         for row in rows
     ]
-    print_tables([table("Tracking RMSE, worst RMSE, worst pan reach (mm); processor time per plan", header, lines)])
+    print_tables(
+        [table("RMSE, worst RMSE, worst pan reach (mm); processor time a plan, samples per s of it", header, lines)]
+    )
 
 
 if __name__ == "__main__":

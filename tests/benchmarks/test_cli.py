@@ -40,7 +40,8 @@ def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, count in (("STEPS", 30), ("SHARE_ROUNDS", 2), ("START_ROUNDS", 1)):
         monkeypatch.setattr(control, name, count)
     measure = training.measure
-    monkeypatch.setattr(training, "measure", lambda: measure(CONFIGURATIONS["smoke"], rounds=1))
+    smoke = CONFIGURATIONS["smoke"]
+    monkeypatch.setattr(training, "measure", lambda: measure(smoke, rounds=1, projected={"smoke": smoke}))
 
 
 @pytest.fixture
@@ -98,6 +99,9 @@ def test_speed_and_training_as_json(
     assert 10e6 < results["control"]["memory"] < 1e9
     assert 0.0 < results["training"]["friction_share"] < 1.0
     assert results["training"]["samples"] == 1000
+    (projection,) = results["training"]["projections"]
+    assert (projection["configuration"], projection["samples"], projection["steps"]) == ("smoke", 300, 20)
+    assert projection["duration"] == pytest.approx(20 * projection["step"])
     assert [target["figure"] for target in results["targets"]] == [t.figure for t in TARGETS[3:]]
 
 

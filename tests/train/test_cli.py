@@ -67,14 +67,22 @@ def test_bad_input_is_one_line_and_exit_code_2(folder, arguments, words):
 
 
 def test_evaluation_reproduces_the_papers_figures(folder):
-    done = call("slide-eval", "runs/smoke", "runs/smoke", "--reproduce", "docs", "--json", folder=folder)
+    done = call("slide-eval", "runs/smoke", "B=runs/smoke", "--reproduce", "docs", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
-    row = json.loads(done.stdout)["smoke"]["moves"]
+    tables = json.loads(done.stdout)
+    assert tables["smoke"] == tables["B"]
+    row = tables["smoke"]["moves"]
     assert 0 < row["rmse_median"] <= row["rmse_worst"]
     document = (folder / "docs" / "reproduction.md").read_text()
     for picture in ("reproduction-trajectories.png", "reproduction-friction.png"):
         assert picture in document
         assert (folder / "docs" / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_two_models_of_one_name_are_refused(folder):
+    done = call("slide-eval", "runs/smoke", "runs/smoke", folder=folder)
+    assert done.returncode == 2
+    assert "two of the models are called 'smoke'" in done.stderr
 
 
 def test_evaluation_of_nothing_is_refused(folder):

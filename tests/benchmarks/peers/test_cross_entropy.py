@@ -57,6 +57,8 @@ def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
         "32",
         "--iterations",
         "1",
+        "--mppi",
+        "1",
     ]
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.peers", *map(str, arguments), "--json"],
@@ -66,5 +68,9 @@ def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
     )
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
-    assert [(row["planner"], row["commands"]) for row in rows] == [("tiny", 2), ("CEM 32 x 1", 2)]
-    assert all(row["cpu"] > 0 for row in rows)
+    assert [(row["planner"], row["commands"]) for row in rows] == [
+        ("tiny", 2),
+        ("CEM 32 x 1", 2),
+        ("MPPI 32 x 1", 1),
+    ]
+    assert all(row["cpu"] > 0 and row["speed"] > 0 for row in rows)
