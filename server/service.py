@@ -149,7 +149,7 @@ def checked_planner(settings: Settings) -> Planner:
     Raises:
         BundleError: the bundle cannot be trusted, or the plans do not agree.
     """
-    planner = Planner(settings.model)
+    planner = Planner(settings.model, sha256=settings.bundle_sha256)
     s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
     position = GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
     plan = planner.plan(position)
