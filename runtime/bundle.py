@@ -1,7 +1,8 @@
 """A bundle: the folder that carries a trained network as two ONNX graphs and a manifest that says what they are.
 
 Nothing of a bundle is believed: the manifest is read strictly, each graph's bytes are compared with the manifest's
-sha256 and looked through (`runtime.graph`) before onnxruntime sees them, and what the graphs take and give is compared with the manifest's numbers.
+sha256 and looked through (`runtime.graph`) before onnxruntime sees them, and what the graphs take and give is compared
+with the manifest's numbers.
 
 The graphs, C samples in a chunk, everything row by row and in SI units (normalization is inside them):
 
