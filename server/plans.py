@@ -14,6 +14,7 @@ from starlette.responses import Response, StreamingResponse
 from runtime import Plan
 from server.batching import Planned, Ticket
 from server.body import read_body
+from server.openapi import REFERENCE, problems
 from server.problems import MEDIA_TYPE, Problem
 from server.schemas import Asked, PlanRequest, PlansRequest, asked, commands, read
 from server.service import Service
@@ -27,7 +28,21 @@ def _body(model: str) -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": {JSON: {"schema": {"$ref": f"#/components/schemas/{model}"}}}}}
 
 
-@router.post("/plan", openapi_extra=_body("PlanRequest"))
+REFUSALS = problems(400, 401, 406, 408, 413, 415, 422, 500, 503, 504)
+
+
+@router.post(
+    "/plan",
+    openapi_extra=_body("PlanRequest"),
+    response_class=Response,
+    responses={
+        200: {
+            "description": "The plan",
+            "content": {JSON: {"schema": {"$ref": f"{REFERENCE}Plan"}}, NPZ: {"schema": {"type": "string"}}},
+        },
+        **REFUSALS,
+    },
+)
 async def plan(request: Request) -> Response:
     """Plan the pan's motion for one command: a `slide-plan/1` document, or as npz."""
     service: Service = request.app.state.service
@@ -42,7 +57,15 @@ async def plan(request: Request) -> Response:
     return Response(body, media_type=media_type, headers={"Server-Timing": planned.timing()})
 
 
-@router.post("/plans", openapi_extra=_body("PlansRequest"))
+@router.post(
+    "/plans",
+    openapi_extra=_body("PlansRequest"),
+    response_class=Response,
+    responses={
+        200: {"description": "A plan or a problem a line", "content": {NDJSON: {"schema": {"type": "string"}}}},
+        **REFUSALS,
+    },
+)
 async def plans(request: Request) -> Response:
     """Plan for many commands: a plan a line, in the order of the commands, each as soon as it is ready.
 
