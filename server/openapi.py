@@ -34,7 +34,7 @@ PLAN = {
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the description of answers that are problem documents."""
     schema = {"schema": {"$ref": f"{REFERENCE}Problem"}}
-    titles = {status: title for status, title in reversed(TITLES.values())}
+    titles = dict(reversed(TITLES.values()))
     return {status: {"description": titles[status], "content": {MEDIA_TYPE: schema}} for status in statuses}
 
 

@@ -27,9 +27,9 @@ def test_description_names_every_path_and_answer(server: Any) -> None:
 
 
 def test_every_operation_keeps_what_the_description_promises(server: Any, tmp_path: Path) -> None:
+    options = ["--checks", "all", "--max-examples", EXAMPLES, "--seed", "1", "--no-color"]
     done = subprocess.run(
-        [SCHEMATHESIS, "--config-file", CONFIGURATION, "run", f"{server.url}/openapi.json"]
-        + ["--checks", "all", "--max-examples", EXAMPLES, "--seed", "1", "--no-color"],
+        [SCHEMATHESIS, "--config-file", CONFIGURATION, "run", f"{server.url}/openapi.json", *options],
         capture_output=True,
         text=True,
         cwd=tmp_path,
