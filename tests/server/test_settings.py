@@ -26,7 +26,7 @@ def test_token_is_needed_for_all_that_plans_or_tells(run_server: Callable[..., A
             assert httpx.post(f"{server.url}{path}", json={}).status_code == 401
         for header in (
             "",
-            "Bearer ",
+            "Bearer",
             "Bearer canary-toke",
             "Bearer canary-token2",
             "Basic canary-token",
