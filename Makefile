@@ -6,10 +6,10 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm test nightly check bench clean
+.PHONY: help run demo-arm serve test nightly check bench bench-server soak clean
 
 help: ## list the verbs
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 run: $(VENV)/base.stamp ## plan a figure eight, run it, and write out/plan.json and out/report.html
 	@mkdir -p out
@@ -20,6 +20,9 @@ demo-arm: $(VENV)/arm.stamp ## plan, execute on the simulated arm in closed loop
 	@mkdir -p out
 	$(BIN)/slide-plan examples/figure_eight.csv -o out/plan.json
 	$(BIN)/slide-run out/plan.json --pybullet --closed-loop --video out/arm.mp4 --report out/arm.html
+
+serve: $(VENV)/server.stamp ## serve plans and the page on http://127.0.0.1:8000
+	$(BIN)/slide-serve
 
 test: $(VENV)/dev.stamp ## run every test
 	$(BIN)/python -m pytest
@@ -35,6 +38,13 @@ check: $(VENV)/dev.stamp ## lint, formatting and types
 bench: $(VENV)/dev.stamp ## accuracy on the suite, and speed beside torch
 	$(BIN)/slide-bench
 
+bench-server: $(VENV)/dev.stamp ## the server under load, with the figures asked for beside
+	$(BIN)/python -m benchmarks.server
+
+soak: $(VENV)/dev.stamp ## the same for half an hour, and 200 examples an operation of the OpenAPI document
+	SLIDE_EXAMPLES=200 $(BIN)/python -m pytest tests/server/test_openapi.py --timeout 7200
+	$(BIN)/python -m benchmarks.server --soak
+
 clean: ## remove the environment and what was built
 	rm -rf $(VENV) build out *.egg-info
 
@@ -49,6 +59,10 @@ $(VENV)/arm.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[pybullet]'
 	@touch $@ $(VENV)/base.stamp
 
+$(VENV)/server.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) --editable '.[server]'
+	@touch $@ $(VENV)/base.stamp
+
 $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[dev]'
-	@touch $@ $(VENV)/base.stamp $(VENV)/arm.stamp
+	@touch $@ $(VENV)/base.stamp $(VENV)/arm.stamp $(VENV)/server.stamp
