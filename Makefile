@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm test nightly check bench clean
+.PHONY: help run demo-arm serve test nightly check bench clean
 
 help: ## list the verbs
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -20,6 +20,9 @@ demo-arm: $(VENV)/arm.stamp ## plan, execute on the simulated arm in closed loop
 	@mkdir -p out
 	$(BIN)/slide-plan examples/figure_eight.csv -o out/plan.json
 	$(BIN)/slide-run out/plan.json --pybullet --closed-loop --video out/arm.mp4 --report out/arm.html
+
+serve: $(VENV)/server.stamp ## serve plans and the page on http://127.0.0.1:8000
+	$(BIN)/slide-serve
 
 test: $(VENV)/dev.stamp ## run every test
 	$(BIN)/python -m pytest
@@ -49,6 +52,10 @@ $(VENV)/arm.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[pybullet]'
 	@touch $@ $(VENV)/base.stamp
 
+$(VENV)/server.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) --editable '.[server]'
+	@touch $@ $(VENV)/base.stamp
+
 $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[dev]'
-	@touch $@ $(VENV)/base.stamp $(VENV)/arm.stamp
+	@touch $@ $(VENV)/base.stamp $(VENV)/arm.stamp $(VENV)/server.stamp

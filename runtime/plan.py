@@ -105,6 +105,12 @@ class Plan:
             "quality": self.quality.to_dict(),
         }
 
+    def to_npz(self) -> bytes:
+        """Return the document as the bytes of an npz file: arrays with dotted names."""
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, **_flatten(self.to_dict()))
+        return buffer.getvalue()
+
     @classmethod
     def from_dict(cls, document: object, source: str = "plan") -> Self:
         """Read the JSON document.
@@ -163,9 +169,7 @@ class Plan:
         if path.suffix.lower() == ".json":
             data = json.dumps(self.to_dict(), allow_nan=False).encode("ascii") + b"\n"
         else:
-            buffer = io.BytesIO()
-            np.savez(buffer, allow_pickle=False, **_flatten(self.to_dict()))
-            data = buffer.getvalue()
+            data = self.to_npz()
         write_whole(path, data)
 
     @classmethod

@@ -1,0 +1,1 @@
+"""The planner over HTTP: `POST /plan`, `POST /plans`, `WS /stream`, and a page to draw on."""

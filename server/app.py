@@ -1,0 +1,104 @@
+"""The application: its routes, what guards them, and its life from start to stop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+import orjson
+from fastapi import FastAPI, Request
+from prometheus_client import CONTENT_TYPE_LATEST
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.staticfiles import StaticFiles
+
+from server import plans
+from server.guard import Guard
+from server.problems import Problem, for_status
+from server.service import Service
+from server.settings import Settings
+
+STATIC = Path(__file__).parent / "static"
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Make the application.
+
+    Args:
+        settings: what the server is told; from the environment if None.
+    """
+    service = Service(Settings() if settings is None else settings)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        ready = asyncio.create_task(service.make_ready())
+        try:
+            yield
+        finally:
+            ready.cancel()
+            service.stop()
+
+    app = FastAPI(
+        title="slide-planner",
+        version=version("slide-planner"),
+        description="Plans the motion of a frying pan that makes the object on it slide along a given path.",
+        lifespan=lifespan,
+        docs_url=None,  # its page would load scripts from elsewhere
+        redoc_url=None,
+        redirect_slashes=False,
+    )
+    app.state.service = service
+    app.add_exception_handler(Problem, _problem)
+    app.add_exception_handler(HTTPException, _http_exception)
+    app.add_exception_handler(Exception, _exception)
+    app.include_router(plans.router)
+    _add_views(app, service)
+    app.mount("/", StaticFiles(directory=STATIC, html=True))
+    app.add_middleware(Guard, service=service)
+    return app
+
+
+def _add_views(app: FastAPI, service: Service) -> None:
+    @app.get("/health/live")
+    async def live() -> dict[str, str]:
+        """Say that the server runs."""
+        return {"status": "alive"}
+
+    @app.get("/health/ready")
+    async def ready() -> dict[str, str]:
+        """Say whether the server takes work: the bundle's hashes and a golden plan have passed, and nothing hangs."""
+        if service.dispatcher.busy > service.settings.deadline:
+            raise Problem("not-ready", "a plan takes longer than the deadline", headers={"Retry-After": "1"})
+        return {"status": "ready"}
+
+    @app.get("/info")
+    async def info() -> Response:
+        """Say what the server plans with and what it was told."""
+        bundle = service.planner.bundle
+        manifest = bundle.manifest.to_dict()
+        shown = {name: manifest[name] for name in ("name", "precision", "chunk", "dt", "friction", "limits")}
+        model = {**shown, "trained_on": manifest["trained_on"], "sha256": bundle.sha256}
+        document = {"version": app.version, "model": model, "settings": service.settings.shown()}
+        return Response(orjson.dumps(document), media_type="application/json")
+
+    @app.get("/metrics")
+    async def metrics() -> Response:
+        """Give what is counted, in Prometheus form."""
+        return Response(service.metrics.text(), media_type=CONTENT_TYPE_LATEST)
+
+
+def _problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, Problem)
+    return error.response()
+
+
+def _http_exception(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return for_status(error.status_code, error.headers).response()
+
+
+def _exception(request: Request, error: Exception) -> Response:
+    return Problem("failed").response()

@@ -1,0 +1,46 @@
+"""A request's body, bounded in bytes and in time before anything of it is parsed."""
+
+from __future__ import annotations
+
+import asyncio
+
+from starlette.requests import Request
+
+from server.problems import Problem
+from server.settings import Settings
+
+
+async def read_body(request: Request, settings: Settings) -> bytes:
+    """Read the body of a JSON request.
+
+    Raises:
+        Problem: `unsupported-media-type`, `too-large`, or `too-slow`.
+        ClientDisconnect: the client left.
+    """
+    media_type, _, parameters = request.headers.get("content-type", "").partition(";")
+    charset = parameters.strip().lower().replace('"', "")
+    if media_type.strip().lower() != "application/json" or charset not in ("", "charset=utf-8"):
+        raise Problem("unsupported-media-type", "send application/json", headers={"Accept": "application/json"})
+    if request.headers.get("content-encoding", "identity").lower() != "identity":
+        raise Problem("unsupported-media-type", "send the body as it is, without a content encoding")
+    declared = request.headers.get("content-length", "0")
+    if declared.isdecimal() and int(declared[:20]) > settings.max_body:
+        raise too_large(settings)
+    parts, size = [], 0
+    try:
+        async with asyncio.timeout(settings.body_timeout):
+            async for part in request.stream():
+                size += len(part)
+                if size > settings.max_body:
+                    raise too_large(settings)
+                parts.append(part)
+    except TimeoutError:
+        raise Problem(
+            "too-slow", f"the body must arrive within {settings.body_timeout:g} s", headers={"Connection": "close"}
+        ) from None
+    return b"".join(parts)
+
+
+def too_large(settings: Settings) -> Problem:
+    """Return what a client is told that sends too much; the rest of it is not read."""
+    return Problem("too-large", f"at most {settings.max_body} bytes are read", headers={"Connection": "close"})

@@ -1,0 +1,136 @@
+"""`POST /plan` and `POST /plans`."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any
+
+import orjson
+from fastapi import APIRouter, Request
+from starlette.responses import Response, StreamingResponse
+
+from runtime import Plan
+from server.batching import Planned, Ticket
+from server.body import read_body
+from server.problems import MEDIA_TYPE, Problem
+from server.schemas import Asked, PlanRequest, PlansRequest, asked, commands, read
+from server.service import Service
+
+JSON, NPZ, NDJSON = "application/json", "application/x-npz", "application/x-ndjson"
+
+router = APIRouter()
+
+
+def _body(model: str) -> dict[str, Any]:
+    return {"requestBody": {"required": True, "content": {JSON: {"schema": {"$ref": f"#/components/schemas/{model}"}}}}}
+
+
+@router.post("/plan", openapi_extra=_body("PlanRequest"))
+async def plan(request: Request) -> Response:
+    """Plan the pan's motion for one command: a `slide-plan/1` document, or as npz."""
+    service: Service = request.app.state.service
+    media_type = accepted(request, (JSON, NPZ))
+    with service.admitted() as dispatcher:
+        wanted = read(PlanRequest, await read_body(request, service.settings))
+        (command,) = commands({"command": wanted.command}, service.settings.max_samples)
+        one = asked(wanted, command, service.planner.bundle.manifest, service.settings)
+        (ticket,) = dispatcher.submit([one])
+        planned = await settled(request, ticket, service.settings.deadline)
+        body = planned.plan.to_npz() if media_type == NPZ else encode(planned.plan)
+    return Response(body, media_type=media_type, headers={"Server-Timing": planned.timing()})
+
+
+@router.post("/plans", openapi_extra=_body("PlansRequest"))
+async def plans(request: Request) -> Response:
+    """Plan for many commands: a plan a line, in the order of the commands, each as soon as it is ready.
+
+    A command that could not be planned gives a problem document in its line.
+    """
+    service: Service = request.app.state.service
+    accepted(request, (NDJSON,))
+    with service.admitted() as dispatcher:
+        wanted = read(PlansRequest, await read_body(request, service.settings))
+        if len(wanted.commands) > service.settings.max_commands:
+            raise Problem("invalid", f"at most {service.settings.max_commands} commands are taken", "commands")
+        places = {f"commands[{index}]": command for index, command in enumerate(wanted.commands)}
+        manifest = service.planner.bundle.manifest
+        found = commands(places, service.settings.max_samples)
+        many: list[Asked] = [asked(wanted, command, manifest, service.settings) for command in found]
+        tickets = dispatcher.submit(many)
+    return StreamingResponse(_lines(service, tickets), media_type=NDJSON)
+
+
+async def _lines(service: Service, tickets: list[Ticket]) -> AsyncIterator[bytes]:
+    service.in_flight += 1
+    try:
+        for ticket in tickets:
+            try:
+                async with asyncio.timeout(service.settings.deadline):
+                    planned = await ticket.ready
+                yield encode(planned.plan) + b"\n"
+            except TimeoutError:
+                yield orjson.dumps(Problem("deadline").to_dict()) + b"\n"
+            except Problem as problem:
+                yield orjson.dumps(problem.to_dict()) + b"\n"
+    finally:
+        service.in_flight -= 1
+        for ticket in tickets:
+            ticket.ready.cancel()
+
+
+async def settled(request: Request, ticket: Ticket, deadline: float) -> Planned:
+    """Wait until a command is planned, its deadline passes, or its client hangs up.
+
+    Raises:
+        Problem: `deadline`, or what became of the planning.
+    """
+    gone = asyncio.ensure_future(_gone(request))
+    try:
+        await asyncio.wait({ticket.ready, gone}, timeout=deadline, return_when=asyncio.FIRST_COMPLETED)
+        if not ticket.ready.done():
+            raise Problem("deadline", f"the plan was not ready within {deadline:g} s")
+        return ticket.ready.result()
+    finally:
+        ticket.ready.cancel()
+        gone.cancel()
+
+
+async def _gone(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+def encode(plan: Plan) -> bytes:
+    """Return the plan's JSON document; every float keeps all its digits."""
+    return orjson.dumps(plan.to_dict())
+
+
+def accepted(request: Request, offered: tuple[str, ...]) -> str:
+    """Return the media type the client likes best of those that can be given.
+
+    Raises:
+        Problem: `not-acceptable`.
+    """
+    best, best_weight = "", 0.0
+    for media_type in offered:
+        weight = max((_weight(each, media_type) for each in request.headers.get("accept", "*/*").split(",")), default=0)
+        if weight > best_weight:
+            best, best_weight = media_type, weight
+    if not best:
+        raise Problem("not-acceptable", f"there is {' and '.join(offered)}")
+    return best
+
+
+def _weight(accept: str, media_type: str) -> float:
+    """Return the weight (0 to 1) that one entry of an Accept header gives to a media type."""
+    pattern, *parameters = (part.strip().lower() for part in accept.split(";"))
+    if pattern not in ("*/*", "application/*", media_type, MEDIA_TYPE):
+        return 0.0
+    for parameter in parameters:
+        if parameter.startswith("q="):
+            try:
+                return max(0.0, min(float(parameter[2:]), 1.0))
+            except ValueError:
+                return 0.0
+    return 1.0

@@ -1,0 +1,143 @@
+"""What stands behind the routes: the planner, made ready in the background, and how the server is doing."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from runtime import BundleError, Planner, SlideError
+from runtime.friction import DT
+from server.batching import Dispatcher, overloaded
+from server.metrics import Metrics
+from server.problems import Problem
+from server.settings import Settings
+
+log = logging.getLogger("slide-serve")
+
+GOLDEN_REACH = 0.05
+GOLDEN_SAMPLES = 777
+"""The golden command: a minimum-jerk move of this length (m) in so many samples, which is no multiple of a chunk."""
+
+AGREEMENT = 1e-6
+"""Largest distance (m) between a plan made alone and the same one made in a batch."""
+
+
+class Service:
+    """One server's planner and state; lives as long as the application.
+
+    Attributes:
+        settings: what the server was told.
+        metrics: what is counted.
+        in_flight: requests being answered.
+        stopping: whether the server takes no new work.
+        failure: why the planner could not be made ready; None while there is hope.
+        on_failure: called then.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.metrics = Metrics()
+        self.in_flight = 0
+        self.stopping = False
+        self.failure: SlideError | None = None
+        self.on_failure: Callable[[], None] = lambda: None
+        self._planner: Planner | None = None
+        self._dispatcher: Dispatcher | None = None
+
+    async def make_ready(self) -> None:
+        """Load the bundle and try it out; from then on the server is ready."""
+        try:
+            self._planner = await asyncio.to_thread(checked_planner, self.settings)
+        except SlideError as error:
+            log.error("error: %s", error)
+            self.failure = error
+            self.on_failure()
+            return
+        self._dispatcher = Dispatcher(self._planner, self.settings, self.metrics)
+        log.info("ready: model %s", self._planner.bundle.manifest.name)
+
+    def stop(self) -> None:
+        """End the planning thread."""
+        self.stopping = True
+        if self._dispatcher is not None:
+            self._dispatcher.stop()
+
+    @property
+    def planner(self) -> Planner:
+        """The planner.
+
+        Raises:
+            Problem: `not-ready` or `stopping`.
+        """
+        self.check_ready()
+        assert self._planner is not None
+        return self._planner
+
+    @property
+    def dispatcher(self) -> Dispatcher:
+        """What plans outside the event loop.
+
+        Raises:
+            Problem: `not-ready` or `stopping`.
+        """
+        self.check_ready()
+        assert self._dispatcher is not None
+        return self._dispatcher
+
+    def check_ready(self) -> None:
+        """Check that new work can be taken.
+
+        Raises:
+            Problem: `not-ready` or `stopping`.
+        """
+        if self.stopping:
+            raise Problem("stopping", headers={"Retry-After": "1", "Connection": "close"})
+        if self._dispatcher is None:
+            raise Problem("not-ready", headers={"Retry-After": "1"})
+
+    @contextmanager
+    def admitted(self) -> Iterator[Dispatcher]:
+        """Count a request as in flight, before anything of its body is read.
+
+        Raises:
+            Problem: `overloaded`, `not-ready` or `stopping`.
+        """
+        dispatcher = self.dispatcher
+        if dispatcher.full or self.in_flight >= 2 * self.settings.max_queue:
+            raise overloaded()
+        self.in_flight += 1
+        self.metrics.in_flight.inc()
+        try:
+            yield dispatcher
+        finally:
+            self.in_flight -= 1
+            self.metrics.in_flight.dec()
+
+
+def checked_planner(settings: Settings) -> Planner:
+    """Load the bundle, whose hashes are checked, and make the golden plan: alone, in a batch, and replayed.
+
+    Raises:
+        BundleError: the bundle cannot be trusted, or the plans do not agree.
+    """
+    planner = Planner(settings.model)
+    s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
+    position = GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
+    plan = planner.plan(position)
+    batch = planner.plan_batch([position, 0.5 * position, position])
+    replayed = plan.replay()[:, :2]
+    differences = [plan.object_position - other for other in (batch[0].object_position, replayed)]
+    differences += [plan.pan_position - batch[2].pan_position]
+    largest = max(float(np.abs(difference).max()) for difference in differences)
+    if not largest <= AGREEMENT:
+        raise BundleError(
+            f"the golden plan differs by {largest:.3g} m from itself, at most {AGREEMENT:g} m is rounding"
+        )
+    missed = [name for name, margin in plan.quality.margins.items() if margin is not None and margin < -DT]
+    if missed:
+        raise BundleError(f"the golden plan does not keep its limits: {', '.join(missed)}")
+    return planner

@@ -1,0 +1,67 @@
+"""What a server is told: from the command line or from variables `SLIDE_*`, checked when built."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, SecretStr, model_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+SECRETS = {"token"}
+PRIVATE = {"model"}
+"""Kept out of `/info` besides the secrets: paths of the machine are nobody's business."""
+
+
+class Settings(BaseSettings):
+    """Settings of the server; each may be given as a variable, `SLIDE_` and the name in capitals."""
+
+    model_config = SettingsConfigDict(env_prefix="SLIDE_", frozen=True, extra="ignore")
+
+    host: str = Field("127.0.0.1", description="Address to listen on.")
+    port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 for any that is free.")
+    token: SecretStr | None = Field(None, description="Bearer token that requests must carry.")
+    insecure: bool = Field(False, description="Listen beyond this machine without a token.")
+    model: Path | None = Field(None, description="Bundle folder; the shipped one if not given.")
+    bundle_sha256: str | None = Field(
+        None, pattern="^[0-9a-f]{64}$", description="sha256 that the bundle's manifest must have."
+    )
+
+    max_body: int = Field(1 << 20, ge=1 << 10, le=1 << 28, description="Largest request body (bytes).")
+    max_samples: int = Field(20_000, ge=2, le=600_001, description="Longest command (samples at 1 kHz).")
+    max_commands: int = Field(64, ge=1, le=1024, description="Most commands in one request of /plans.")
+    max_queue: int = Field(128, ge=1, le=4096, description="Most commands that wait to be planned.")
+    max_batch: int = Field(64, ge=1, le=256, description="Most commands planned together.")
+    max_refine_ms: float = Field(200.0, ge=0.0, le=10_000.0, description="Longest refinement of a plan (ms).")
+    batch_window_ms: float = Field(2.0, ge=0.0, le=100.0, description="Longest wait for company under load (ms).")
+    deadline: float = Field(5.0, gt=0.0, le=600.0, description="Longest time until a plan is ready (s).")
+    body_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a request (s).")
+    drain_timeout: float = Field(8.0, gt=0.0, le=600.0, description="Longest time to finish when stopped (s).")
+
+    max_streams: int = Field(32, ge=1, le=1024, description="Most streams open at once.")
+    stream_rate: float = Field(200.0, gt=0.0, le=10_000.0, description="Most chunks a second of one stream.")
+    stream_idle: float = Field(10.0, gt=0.0, le=3600.0, description="Longest silence of a stream (s).")
+
+    @model_validator(mode="after")
+    def _guarded(self) -> Self:
+        if self.token is not None and not self.token.get_secret_value():
+            raise ValueError("token must not be empty")
+        if self.token is None and not self.insecure and not loopback(self.host):
+            raise ValueError(
+                f"host {self.host} is reachable from other machines: give a token (SLIDE_TOKEN), or say --insecure"
+            )
+        return self
+
+    def shown(self) -> dict[str, Any]:
+        """Return the settings that anybody may see."""
+        shown = self.model_dump(mode="json", exclude=SECRETS | PRIVATE)
+        return {**shown, "token_needed": self.token is not None}
+
+
+def loopback(host: str) -> bool:
+    """Whether only this machine can reach an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
