@@ -90,25 +90,29 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document; every float keeps all its digits."""
+        return _listed(self.document())
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document with the arrays as they are, for writers that know arrays."""
         return {
             "format": PLAN_FORMAT,
             "dt": self.dt,
             "model": {"name": self.model_name, "sha256": self.model_sha256},
             "friction": {"static": self.friction.static, "kinetic": self.friction.kinetic},
-            "command": {"position": self.command_position.tolist()},
+            "command": {"position": self.command_position},
             "pan": {
-                "acceleration": self.pan_acceleration.tolist(),
-                "velocity": self.pan_velocity.tolist(),
-                "position": self.pan_position.tolist(),
+                "acceleration": self.pan_acceleration,
+                "velocity": self.pan_velocity,
+                "position": self.pan_position,
             },
-            "object": {"velocity": self.object_velocity.tolist(), "position": self.object_position.tolist()},
+            "object": {"velocity": self.object_velocity, "position": self.object_position},
             "quality": self.quality.to_dict(),
         }
 
     def to_npz(self) -> bytes:
         """Return the document as the bytes of an npz file: arrays with dotted names."""
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **_flatten(self.to_dict()))
+        np.savez(buffer, allow_pickle=False, **_flatten(self.document()))
         return buffer.getvalue()
 
     @classmethod
@@ -200,13 +204,24 @@ def check_suffix(path: Path) -> None:
         raise OutputError(f"{path}: a plan is written as .json or .npz, got the suffix {path.suffix!r}")
 
 
+def _listed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document with lists in the place of arrays."""
+
+    def listed(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return _listed(value)
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+    return {name: listed(value) for name, value in document.items()}
+
+
 def _flatten(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Lay a document out as arrays with dotted names, for npz; null, which no array can hold, becomes NaN."""
     arrays: dict[str, Any] = {}
     for name, value in document.items():
         if isinstance(value, Mapping):
             arrays.update(_flatten(value, f"{prefix}{name}."))
-        elif value == []:  # the only lists that may be empty are those of texts
+        elif isinstance(value, list) and not value:  # the only lists that may be empty are those of texts
             arrays[prefix + name] = np.array([], dtype=np.str_)
         else:
             arrays[prefix + name] = np.array(np.nan if value is None else value)

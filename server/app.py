@@ -53,10 +53,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.service = service
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(HTTPException, _http_exception)
-    app.add_exception_handler(Exception, _exception)
     app.include_router(plans.router)
     _add_views(app, service)
-    app.mount("/", StaticFiles(directory=STATIC, html=True))
+    # Not a mount: one at "/" would take what other routes refuse, and a wrong method would be not found.
+    app.router.default = StaticFiles(directory=STATIC, html=True)
     app.add_middleware(Guard, service=service)
     return app
 
@@ -97,8 +97,7 @@ def _problem(request: Request, error: Exception) -> Response:
 
 def _http_exception(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return for_status(error.status_code, error.headers).response()
-
-
-def _exception(request: Request, error: Exception) -> Response:
-    return Problem("failed").response()
+    headers = dict(error.headers or {})
+    if error.status_code == 405:  # of the page's files, which say nothing
+        headers.setdefault("Allow", "GET, HEAD")
+    return for_status(error.status_code, headers).response()

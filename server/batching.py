@@ -183,7 +183,7 @@ class Dispatcher:
             (ticket, Planned(plan, begin - ticket.entered, encode, decode))
             for ticket, plan in zip(batch, plans, strict=True)
         ]
-        for ticket, its in planned:
+        for _, its in planned:
             self._metrics.queue_time.observe(its.queue)
         self._hand_back(planned)
 

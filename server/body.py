@@ -35,12 +35,10 @@ async def read_body(request: Request, settings: Settings) -> bytes:
                     raise too_large(settings)
                 parts.append(part)
     except TimeoutError:
-        raise Problem(
-            "too-slow", f"the body must arrive within {settings.body_timeout:g} s", headers={"Connection": "close"}
-        ) from None
+        raise Problem("too-slow", f"the body must arrive within {settings.body_timeout:g} s") from None
     return b"".join(parts)
 
 
 def too_large(settings: Settings) -> Problem:
     """Return what a client is told that sends too much; the rest of it is not read."""
-    return Problem("too-large", f"at most {settings.max_body} bytes are read", headers={"Connection": "close"})
+    return Problem("too-large", f"at most {settings.max_body} bytes are read")

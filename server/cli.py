@@ -8,7 +8,7 @@ import socket
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import uvicorn
@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from runtime.cli import BAD_INPUT, run
 from runtime.errors import InputError
 from server.app import create_app
+from server.protocol import GuardedProtocol
 from server.settings import Settings
 
 log = logging.getLogger("slide-serve")
@@ -45,7 +46,13 @@ def slide_serve(
     ] = None,
 ) -> None:
     """Serve plans over HTTP. Everything else is set by variables SLIDE_*, the token among them; /info shows them."""
-    given = {"host": host, "port": port, "model": model, "bundle_sha256": bundle_sha256, "insecure": insecure}
+    given: dict[str, Any] = {
+        "host": host,
+        "port": port,
+        "model": model,
+        "bundle_sha256": bundle_sha256,
+        "insecure": insecure,
+    }
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
@@ -67,7 +74,7 @@ class Server(uvicorn.Server):
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         config = uvicorn.Config(
             app,
-            http="httptools",
+            http=GuardedProtocol,
             ws="websockets-sansio",
             ws_max_size=settings.max_body,
             access_log=False,

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import hmac
+import logging
 import time
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.problems import Problem
 from server.service import Service
+
+log = logging.getLogger("slide-serve")
 
 PROTECTED = ("/plan", "/plans", "/stream", "/info", "/metrics")
 """What needs the token, where there is one; the page, the description and the health are open."""
@@ -23,6 +27,10 @@ SECURITY_HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
+
+
+CLIENT_LEFT = 499
+"""Status that a request is counted under whose client left before there was an answer."""
 
 
 class Guard:
@@ -62,6 +70,13 @@ class Guard:
                 await problem.response()(scope, receive, send_with_headers)
             else:
                 await self._app(scope, receive, send_with_headers)
+        except ClientDisconnect:
+            status = status or CLIENT_LEFT
+        except Exception:
+            log.exception("request failed")
+            if status:  # the answer has begun: closing the connection is all that is left
+                raise
+            await Problem("failed").response()(scope, receive, send_with_headers)
         finally:
             metrics = self._service.metrics
             route = getattr(scope.get("route"), "path", "other")

@@ -103,7 +103,7 @@ async def _gone(request: Request) -> None:
 
 def encode(plan: Plan) -> bytes:
     """Return the plan's JSON document; every float keeps all its digits."""
-    return orjson.dumps(plan.to_dict())
+    return orjson.dumps(plan.document(), option=orjson.OPT_SERIALIZE_NUMPY)
 
 
 def accepted(request: Request, offered: tuple[str, ...]) -> str:

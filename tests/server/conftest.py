@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import httpx
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from server.app import create_app
+from server.cli import Server
+from server.service import Service
+from server.settings import Settings
+
+
+class Running(NamedTuple):
+    """A server that listens on a port of its own, in a thread of this process."""
+
+    url: str
+    port: int
+    service: Service
+
+    def raw(self, data: bytes, timeout: float = 10.0) -> bytes:
+        """Send bytes as they are and return all that comes back until the server closes or stops talking."""
+        with socket.create_connection(("127.0.0.1", self.port), timeout=timeout) as connection:
+            connection.sendall(data)
+            return received(connection)
+
+
+def received(connection: socket.socket) -> bytes:
+    """Return one answer: the header, and as much as it declares."""
+    answer = b""
+    while part := connection.recv(1 << 16):
+        answer += part
+        head, found, body = answer.partition(b"\r\n\r\n")
+        length = [line for line in head.lower().split(b"\r\n") if line.startswith(b"content-length:")]
+        if found and length and len(body) >= int(length[0].split(b":")[1]):
+            break
+    return answer
+
+
+@contextmanager
+def running(**settings: Any) -> Iterator[Running]:
+    """Run a server with these settings until the block is left."""
+    listening = socket.create_server(("127.0.0.1", 0))
+    app = create_app(Settings(**{"port": 0, **settings}))
+    server = Server(app, app.state.service.settings)
+    thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])), daemon=True)
+    thread.start()
+    port = listening.getsockname()[1]
+    url = f"http://127.0.0.1:{port}"
+    try:
+        until = time.monotonic() + 60.0
+        while httpx.get(f"{url}/health/ready").status_code != 200:
+            assert time.monotonic() < until, "the server is never ready"
+            time.sleep(0.02)
+        yield Running(url, port, app.state.service)
+    finally:
+        server.should_exit = True
+        thread.join(timeout=30.0)
+        assert not thread.is_alive()
+
+
+@pytest.fixture(scope="session")
+def run_server() -> Callable[..., Any]:
+    return running
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Running]:
+    with running() as it:
+        yield it
+
+
+def curve(samples: int = 300, seed: int = 0) -> NDArray[np.float64]:
+    """Return (samples, 2) positions (m): a few slow sines of random phase."""
+    random = np.random.default_rng(seed)
+    t = np.arange(samples)[:, None, None] * 0.001
+    rate, phase = random.uniform(1.0, 8.0, (2, 3)), random.uniform(0.0, 6.28, (2, 3))
+    drawn: NDArray[np.float64] = (0.02 * np.sin(rate * t + phase)).sum(axis=2)
+    return drawn - drawn[0]
+
+
+@pytest.fixture(scope="session")
+def make_curve() -> Callable[..., NDArray[np.float64]]:
+    return curve
+
+
+@pytest.fixture(scope="session")
+def make_request() -> Callable[..., dict[str, Any]]:
+    def make(samples: int = 300, seed: int = 0, **others: Any) -> dict[str, Any]:
+        return {"command": {"dt": 0.001, "position": curve(samples, seed).tolist()}, **others}
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def get_problem() -> Callable[[bytes], dict[str, Any]]:
+    def get(answer: bytes) -> dict[str, Any]:
+        document: dict[str, Any] = json.loads(answer.partition(b"\r\n\r\n")[2])
+        return document
+
+    return get
