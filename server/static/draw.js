@@ -3,7 +3,7 @@
 import { keepWithin, lengthOf } from "./path.js";
 
 const REACH = 0.15;  // m from the middle of the pan: there the object touches the rim
-const MOST = 3;  // m: then the ink is out
+const MOST = 2.5;  // m: then the ink is out
 const GRAIN = 0.0008;  // m: closer points tell nothing but the tremor of the hand
 const STEP = 0.005, FINE_STEP = 0.001;  // m: what an arrow key draws, and with Shift
 
