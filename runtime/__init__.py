@@ -13,6 +13,7 @@ from runtime.errors import (
     InputError,
     MissingExtraError,
     OutputError,
+    ServerError,
     SlideError,
 )
 from runtime.friction import Friction
@@ -36,6 +37,7 @@ __all__ = [
     "Plan",
     "Planner",
     "Quality",
+    "ServerError",
     "SlideError",
     "Start",
     "Status",

@@ -1,7 +1,8 @@
 """A bundle: the folder that carries a trained network as two ONNX graphs and a manifest that says what they are.
 
 Nothing of a bundle is believed: the manifest is read strictly, each graph's bytes are compared with the manifest's
-sha256 before onnxruntime sees them, and what the graphs take and give is compared with the manifest's numbers.
+sha256 and looked through (`runtime.graph`) before onnxruntime sees them, and what the graphs take and give is compared
+with the manifest's numbers.
 
 The graphs, C samples in a chunk, everything row by row and in SI units (normalization is inside them):
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,6 +33,7 @@ from numpy.typing import NDArray
 from runtime.documents import check_format, fields, number, parse_json, read_bytes, read_text, text
 from runtime.errors import BundleError, InputError
 from runtime.friction import DT, Friction
+from runtime.graph import check_graph
 from runtime.limits import Limits
 
 BUNDLE_FORMAT = "slide-bundle/1"
@@ -45,8 +48,8 @@ DECODER_STEP_OUTPUTS = ("pan_acceleration", "hidden_out", "cell_out")
 TRAINED_ON = {"static": "", "kinetic": "", "reach": "m", "speed": "m/s", "samples": ""}
 """What the manifest gives the range of, and the unit; reach and speed are those of `Command`."""
 
-EXTERNAL_DATA_KEY = b"location"
-"""Stands in an ONNX file whose weights lie in another file, which no hash covers."""
+LARGEST = {"chunk": 10_000, "layers": 16, "units": 8192, "command_ahead": 100}
+"""Largest of each number in a manifest that memory is allocated by."""
 
 DEFAULT_LIMITS = Limits()
 
@@ -187,7 +190,9 @@ def default_limits(pan_limit: float, acceleration_bound: float | None) -> Limits
 
 def _integer(value: object, key: str, smallest: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
-        raise InputError(f"{key} must be a whole number of at least {smallest}, got {value!r}")
+        raise InputError(f"{key} must be a whole number of at least {smallest}, got {reprlib.repr(value)}")
+    if key in LARGEST and value > LARGEST[key]:
+        raise InputError(f"{key} must be at most {LARGEST[key]}, got {reprlib.repr(value)}")
     return value
 
 
@@ -241,32 +246,39 @@ class Bundle:
     sessions: Mapping[str, Any]
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
+    def load(cls, path: str | PathLike[str], sha256: str | None = None) -> Self:
         """Load a bundle from its folder.
 
+        Args:
+            path: the folder.
+            sha256: what the manifest's must be, in hexadecimal; any if None.
+
         Raises:
-            BundleError: the manifest or a graph is missing, a hash does not fit, or the graphs are not what the
-                manifest says: names, shapes, or results.
+            BundleError: the manifest or a graph is missing, a hash does not fit, a graph has what no graph of ours
+                has (`runtime.graph`), or the graphs are not what the manifest says: names, shapes, or results.
         """
         path = Path(path)
         source = str(path / MANIFEST_FILE)
         with _judging(source):
-            data = read_bytes(path / MANIFEST_FILE)
+            data = _read(path / MANIFEST_FILE)
+            loaded = hashlib.sha256(data).hexdigest()
+            if sha256 is not None and loaded != sha256:
+                raise BundleError(f"{source}: sha256 is {loaded}, it must be {sha256}")
             manifest = Manifest.from_dict(parse_json(read_text(data)), source)
         sizes, sessions = {}, {}
         for name, graph in manifest.graphs.items():
             source = str(path / graph.file)
             with _judging(source):
-                model = read_bytes(path / graph.file)
+                model = _read(path / graph.file)
             found = hashlib.sha256(model).hexdigest()
             if found != graph.sha256:
                 raise BundleError(f"{source}: sha256 is {found}, the manifest says {graph.sha256}")
-            if EXTERNAL_DATA_KEY in model:
-                raise BundleError(f"{source}: keeps weights in another file, which a bundle must not")
+            with _judging(source):
+                check_graph(model)
             sizes[name] = len(model)
             sessions[name] = _session(model, source)
             _check_inputs_and_outputs(sessions[name], name, manifest, source)
-        bundle = cls(manifest, hashlib.sha256(data).hexdigest(), sizes, sessions)
+        bundle = cls(manifest, loaded, sizes, sessions)
         bundle._try_out(str(path))
         return bundle
 
@@ -301,6 +313,17 @@ class Bundle:
         for name, array in given:
             if array.shape != expected[name]:
                 raise BundleError(f"{source}: output {name} has the shape {array.shape}, must be {expected[name]}")
+
+
+def _read(path: Path) -> bytes:
+    """Read a file of a bundle.
+
+    Raises:
+        InputError: it cannot be read, or is a pipe or a device, which might never end.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError("cannot be read: is no file")
+    return read_bytes(path)
 
 
 def _observation_width(manifest: Manifest) -> int:

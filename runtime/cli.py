@@ -193,6 +193,9 @@ def slide_run(
     model: Annotated[
         Path | None, typer.Option("--model", help="Bundle for it; the shipped one if not given.", metavar="DIR")
     ] = None,
+    server: Annotated[
+        str | None, typer.Option("--server", help="Closed loop through this server instead.", metavar="URL")
+    ] = None,
     paper_control: Annotated[
         bool, typer.Option("--paper-control", help="Control without feed-forward and gravity terms.")
     ] = False,
@@ -216,7 +219,7 @@ def slide_run(
 ) -> None:
     """Replay a plan on the law of friction, maybe under another friction, or execute it on a simulated arm."""
     arm = ArmOptions(
-        closed_loop, model, paper_control, gui, video, friction, object_mass, noise, seed, tuple(disturb or ())
+        closed_loop, model, server, paper_control, gui, video, friction, object_mass, noise, seed, tuple(disturb or ())
     )
     if pybullet:
         if static is not None or kinetic is not None:

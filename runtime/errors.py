@@ -33,3 +33,7 @@ class MissingExtraError(SlideError):
 
 class ConcurrentUseError(SlideError, RuntimeError):
     """Something that belongs to one thread at a time was used from two at once."""
+
+
+class ServerError(SlideError):
+    """A server cannot be reached, refuses, or does not answer as agreed; what it says is passed on."""

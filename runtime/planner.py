@@ -37,6 +37,7 @@ class Planner:
 
     Args:
         path: the bundle's folder; the shipped one if None.
+        sha256: what the sha256 of its manifest must be; any if None.
 
     Attributes:
         bundle: the loaded bundle.
@@ -45,8 +46,8 @@ class Planner:
         BundleError: the bundle cannot be trusted or understood.
     """
 
-    def __init__(self, path: str | PathLike[str] | None = None) -> None:
-        self.bundle = Bundle.load(DEFAULT_BUNDLE if path is None else path)
+    def __init__(self, path: str | PathLike[str] | None = None, *, sha256: str | None = None) -> None:
+        self.bundle = Bundle.load(DEFAULT_BUNDLE if path is None else path, sha256)
         self.plan(np.zeros((2 * self.bundle.manifest.chunk, 2)))  # warms up: the first plan is as fast as the tenth
 
     def plan(

@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
-from server import plans
+from server import plans, stream
 from server.guard import Guard
 from server.problems import Problem, for_status
 from server.service import Service
@@ -54,6 +54,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(HTTPException, _http_exception)
     app.include_router(plans.router)
+    app.include_router(stream.router)
     _add_views(app, service)
     # Not a mount: one at "/" would take what other routes refuse, and a wrong method would be not found.
     app.router.default = StaticFiles(directory=STATIC, html=True)

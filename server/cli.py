@@ -77,6 +77,7 @@ class Server(uvicorn.Server):
             http=GuardedProtocol,
             ws="websockets-sansio",
             ws_max_size=settings.max_body,
+            ws_per_message_deflate=False,
             access_log=False,
             log_config=None,
             server_header=False,

@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.problems import Problem
 from server.service import Service
+from server.settings import Settings
 
 log = logging.getLogger("slide-serve")
 
@@ -43,8 +44,6 @@ class Guard:
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
         self._app, self._service = app, service
-        token = service.settings.token
-        self._token = None if token is None else f"Bearer {token.get_secret_value()}".encode()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -65,7 +64,7 @@ class Guard:
             await send(message)
 
         try:
-            if scope["path"] in PROTECTED and not self.allowed(scope):
+            if scope["path"] in PROTECTED and not carries_token(scope, self._service.settings):
                 problem = Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
                 await problem.response()(scope, receive, send_with_headers)
             else:
@@ -83,9 +82,10 @@ class Guard:
             metrics.requests.labels(route, str(status)).inc()
             metrics.total_time.observe(time.perf_counter() - begin)
 
-    def allowed(self, scope: Scope) -> bool:
-        """Whether a request carries the token, if there is one."""
-        if self._token is None:
-            return True
-        given = Headers(scope=scope).get("authorization", "")
-        return hmac.compare_digest(given.encode(), self._token)
+
+def carries_token(scope: Scope, settings: Settings) -> bool:
+    """Whether a request carries the token, if there is one; compared in a time that does not tell where it differs."""
+    if settings.token is None:
+        return True
+    expected = f"Bearer {settings.token.get_secret_value()}".encode()
+    return hmac.compare_digest(Headers(scope=scope).get("authorization", "").encode(), expected)

@@ -8,6 +8,7 @@ from typing import Any
 
 import orjson
 from fastapi import APIRouter, Request
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response, StreamingResponse
 
 from runtime import Plan
@@ -84,10 +85,14 @@ async def settled(request: Request, ticket: Ticket, deadline: float) -> Planned:
 
     Raises:
         Problem: `deadline`, or what became of the planning.
+        ClientDisconnect: the client left.
     """
     gone = asyncio.ensure_future(_gone(request))
+    either: set[asyncio.Future[Any]] = {ticket.ready, gone}
     try:
-        await asyncio.wait({ticket.ready, gone}, timeout=deadline, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(either, timeout=deadline, return_when=asyncio.FIRST_COMPLETED)
+        if gone.done():
+            raise ClientDisconnect
         if not ticket.ready.done():
             raise Problem("deadline", f"the plan was not ready within {deadline:g} s")
         return ticket.ready.result()

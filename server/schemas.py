@@ -133,7 +133,8 @@ def read(model: type[Model], body: bytes) -> Model:
         result = model.model_validate_json(body)
     except ValidationError as error:
         raise _problem(error) from None
-    # No text is taken as a value, so each colon of a document that was read stands after a name.
+    # No text that is taken as a value has a colon, so each of a document that was
+    # read stands after a name.
     if body.count(b":") != _names(result):
         raise Problem("malformed", "a name is given twice")
     return result

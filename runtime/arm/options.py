@@ -15,6 +15,7 @@ class ArmOptions:
     Attributes:
         closed_loop: decode again, with the measured states, every chunk.
         model: bundle folder for that; the shipped one if None.
+        server: address of a server that decodes instead.
         paper_control: the controller as Fig. 7 draws it.
         gui: open the simulator's window, and run no faster than real time.
         video: film to write, .mp4.
@@ -27,6 +28,7 @@ class ArmOptions:
 
     closed_loop: bool = False
     model: Path | None = None
+    server: str | None = None
     paper_control: bool = False
     gui: bool = False
     video: Path | None = None

@@ -23,6 +23,7 @@ from runtime.errors import InputError
 from runtime.friction import DT
 from runtime.plan import Plan
 from runtime.planner import Planner
+from runtime.remote import RemoteStream
 from runtime.report import write_report
 
 
@@ -66,9 +67,10 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None) -> Out
     plan = Plan.load(plan_file)
     with reading(str(plan_file)):
         check_plan(plan)
-    source, remarks = _source(plan, options)
     hooks = [disturbance.hook(arm) for disturbance in disturbances]
-    recording = _execute(plan, arm, source, hooks, options)
+    with ExitStack() as stack:
+        source, remarks = _source(plan, options, stack)
+        recording = _execute(plan, arm, source, hooks, options)
 
     friction = None if disturbances else arm.settings.friction
     results = judge(plan, recording, friction) if len(recording) else None
@@ -98,6 +100,8 @@ def _check_outputs(options: ArmOptions, report: Path | None) -> None:
         check_ffmpeg()
     if options.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise InputError("--gui needs a display: DISPLAY is not set")  # the simulator would end the process
+    if options.model is not None and options.server is not None:
+        raise InputError("--model and --server: the server has a model of its own")
     if options.model is not None and not options.closed_loop:
         raise InputError("--model needs --closed-loop: open loop, the plan alone moves the pan")
 
@@ -113,20 +117,30 @@ def _simulated(options: ArmOptions) -> Simulated:
 
 
 def _loop(options: ArmOptions) -> str:
+    if options.server is not None:
+        return "closed loop through a server"
     return "closed loop" if options.closed_loop else "open loop"
 
 
-def _source(plan: Plan, options: ArmOptions) -> tuple[Source, list[str]]:
-    """Return what moves the pan, and what is to be said of it."""
+def _source(plan: Plan, options: ArmOptions, stack: ExitStack) -> tuple[Source, list[str]]:
+    """Return what moves the pan, and what is to be said of it; what must be closed is left to the stack."""
+    if options.server is not None:
+        token = os.environ.get("SLIDE_TOKEN")  # a command line is seen by everyone on the machine
+        remote = stack.enter_context(RemoteStream(options.server, plan.command_position, token=token))
+        return closed_loop(remote, remote.chunk), _other(plan, remote.model["name"], remote.model["sha256"])
     if not options.closed_loop:
         return open_loop(plan), []
     planner = Planner(options.model)
-    remarks = []
-    if planner.bundle.sha256 != plan.model_sha256:
-        other = f"closed loop with model {planner.bundle.manifest.name!r}, the plan was made by {plan.model_name!r}"
-        remarks.append(other)
     stream = planner.stream(plan.command_position)
+    remarks = _other(plan, planner.bundle.manifest.name, planner.bundle.sha256)
     return closed_loop(stream, planner.bundle.manifest.chunk), remarks
+
+
+def _other(plan: Plan, name: str, sha256: str) -> list[str]:
+    """Return what is to be said if another model decodes than made the plan."""
+    if sha256 == plan.model_sha256:
+        return []
+    return [f"closed loop with model {name!r}, the plan was made by {plan.model_name!r}"]
 
 
 def _execute(plan: Plan, arm: SimulatedArm, source: Source, hooks: list[Hook], options: ArmOptions) -> Recording:

@@ -23,6 +23,7 @@ MORE_IN = {
     "runtime/cli.py": {"typer", "rich"},
     "runtime/arm": {"pybullet", "imageio_ffmpeg"},
     "runtime/refine.py": {"numba"},
+    "runtime/remote.py": {"websockets"},
 }
 """What single modules or folders of runtime may import besides."""
 
