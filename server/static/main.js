@@ -27,6 +27,10 @@ let planning = false;
 
 const pen = listenToPen(stage, () => !playing(), (points, { down, pen: at }) => {
   Object.assign(draft, { drawn: points, down, pen: at });
+  if (down) {
+    requestAnimationFrame(() => draft.down && showDraft());
+    if (draft.command === null) return;
+  }
   markExample(null);
   update();
 });

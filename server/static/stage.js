@@ -6,6 +6,7 @@ import { locate, pointAt, slidesAt, valueAt } from "./motion.js";
 const PAN = 0.18, OBJECT = 0.03;  // m: radii of the simulated arm's pan and object; the law itself knows neither
 const BEAT = 50;  // samples between the dots along a command: close where it is slow
 const ON_PAN = { command: "#f4f0e8", sticks: "#4fa9e0", slides: "#f27a2a" };  // the pan is dark by day and by night
+const SPRITE = { left: -0.42, right: 0.26, half: 0.26 };  // m: what the pan and its shadow cover
 const CAST_IRON = {
   handle: "#34363a", groove: "#55585e",
   rim: ["#75787e", "#4c4f54", "#2c2e31"], floor: ["#3b3e43", "#26282b", "#17181a"],
@@ -48,6 +49,7 @@ export class Stage {
     this.height = this.canvas.clientHeight;
     this.canvas.width = Math.round(this.width * devicePixelRatio);
     this.canvas.height = Math.round(this.height * devicePixelRatio);
+    this.sprite = null;  // its colours may have changed
   }
 
   /** Where on the pan, as it is drawn for a draft, a pointer is: [x, y] in metres. */
@@ -156,8 +158,34 @@ export class Stage {
     this.#stroke(lines, this.colors["stage-grid"], 1);
   }
 
-  /** The frying pan, its handle towards the robot at negative x. */
+  /** The frying pan; drawn once for each scale, because its shadow takes longer than all the rest. */
   #pan() {
+    const ratio = this.scale * devicePixelRatio;
+    if (this.sprite?.ratio !== ratio) this.#drawSprite(ratio);
+    const { left, right, half } = SPRITE;
+    this.context.save();
+    this.context.scale(1, -1);
+    this.context.drawImage(this.sprite.canvas, left, -half, right - left, 2 * half);
+    this.context.restore();
+  }
+
+  #drawSprite(ratio) {
+    const { left, right, half } = SPRITE;
+    const canvas = document.createElement("canvas");
+    canvas.width = Math.max(1, Math.ceil((right - left) * ratio));  // 0 while the window has no size
+    canvas.height = Math.max(1, Math.ceil(2 * half * ratio));
+    const context = canvas.getContext("2d");
+    context.setTransform(canvas.width / (right - left), 0, 0, -canvas.height / (2 * half), 0, 0);
+    context.translate(-left, -half);
+    const screen = this.context;
+    this.context = context;
+    this.#drawPan();
+    this.context = screen;
+    this.sprite = { canvas, ratio };
+  }
+
+  /** The frying pan, its handle towards the robot at negative x. */
+  #drawPan() {
     const { context } = this, r = PAN;
     const polished = (colors) => {
       const paint = context.createRadialGradient(-r * 0.35, r * 0.4, r * 0.05, 0, 0, r * 1.05);
