@@ -1,0 +1,85 @@
+/** The server's two doors that this page uses, and what their errors mean to a person. */
+
+const PATIENCE = 30_000;  // ms until an answer that does not come is given up
+
+/** What went wrong, in words to be shown as they are. */
+export class Refusal extends Error {
+  constructor(message, status = 0) {
+    super(message);
+    this.status = status;
+  }
+}
+
+const WORDS = {
+  400: "The server did not understand the request.",
+  401: "This server plans only for those who have its token.",
+  403: "This server does not accept that token.",
+  408: "The request did not reach the server in time. Try again.",
+  413: "This path is too long for the server. Draw a shorter one, or choose a higher speed.",
+  422: "The server cannot plan this path.",
+  429: "That was too much at once.",
+  500: "Something broke inside the server. The path is kept; try again, and tell whoever runs it if it stays so.",
+  503: "The server has its hands full.",
+  504: "Planning took longer than the server allows. Draw a shorter path, or try again.",
+};
+
+/** Read an answer that is not a plan: an RFC 9457 problem document, or whatever a proxy put in its place. */
+async function refusalOf(response) {
+  const problem = await response.json().catch(() => null);
+  const detail = typeof problem?.detail === "string" ? ` ${problem.detail.replace(/[^.!?]$/, "$&.")}` : "";
+  const words = WORDS[response.status] ?? `The server answered with status ${response.status}.`;
+  const wait = Number(response.headers.get("Retry-After"));
+  const again = wait > 0 ? ` Try again in ${wait} s.` : [429, 503].includes(response.status) ? " Try again soon." : "";
+  const told = [400, 403, 413, 422].includes(response.status) ? detail : "";
+  return new Refusal(words + told + again, response.status);
+}
+
+/**
+ * Ask for a plan.
+ *
+ * @returns {text, plan, took}: the document as it came, parsed, and the milliseconds from question to answer
+ * @throws Refusal
+ */
+export async function requestPlan(body, token) {
+  const headers = { "Content-Type": "application/json" };
+  if (token) headers.Authorization = `Bearer ${token}`;
+  const began = performance.now();
+  let response, text;
+  try {
+    const signal = AbortSignal.timeout(PATIENCE);
+    response = await fetch("plan", { method: "POST", headers, body, signal });
+    if (!response.ok) throw await refusalOf(response);
+    text = await response.text();
+  } catch (error) {
+    if (error instanceof Refusal) throw error;
+    if (error.name === "TimeoutError") {
+      throw new Refusal(`The server has not answered for ${PATIENCE / 1e3} s. The path is kept; try again.`);
+    }
+    throw new Refusal("The server cannot be reached: it may have been stopped. The path is kept; start the server " +
+      "(slide-serve) and press Plan again.");
+  }
+  const took = performance.now() - began;
+  try {
+    const plan = JSON.parse(text);
+    if (plan.format !== "slide-plan/1") throw new SyntaxError(plan.format);
+    return { text, plan, took };
+  } catch {
+    throw new Refusal("The server’s answer is no plan that this page can read.");
+  }
+}
+
+/** What the server says of itself, or null: the page works without. */
+export async function requestInfo() {
+  try {
+    const response = await fetch("info");
+    return response.ok ? await response.json() : null;
+  } catch {
+    return null;
+  }
+}
+
+/** The same request for a terminal. */
+export function curlOf(body, withToken) {
+  const token = withToken ? " -H \"Authorization: Bearer $SLIDE_TOKEN\"" : "";
+  return `curl ${new URL("plan", location.href)} -H 'Content-Type: application/json'${token} -o plan.json -d '${body}'`;
+}

@@ -1,0 +1,28 @@
+/** Elements and numbers. Text that comes from elsewhere enters the page through textContent and append only. */
+
+export const $ = (id) => document.getElementById(id);
+
+export function element(tag, properties = {}, ...children) {
+  const node = Object.assign(document.createElement(tag), properties);
+  node.append(...children);
+  return node;
+}
+
+/** An SVG element from markup of our own; no style attributes, which the page's policy forbids: classes. */
+export function svg(attributes, content) {
+  const holder = document.createElement("template");
+  holder.innerHTML = `<svg ${attributes}>${content}</svg>`;
+  return holder.content.firstChild;
+}
+
+/** A piece of a line for legends; `kind` is a class of style.css that sets its colour and dashes. */
+export const swatch = (kind) =>
+  svg('viewBox="0 0 20 8" aria-hidden="true"', `<path class="curve ${kind}" d="M0 4H20"/>`);
+
+export function number(value, digits = 1) {
+  const text = value.toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  return text.replace(/^-(?=[0.]*$)/, "").replace("-", "\u2212").replace(/,/g, "\u202f");
+}
+
+/** A length (m) in millimetres. */
+export const mm = (length) => number(length * 1e3, Math.abs(length) < 0.1 ? 1 : 0);

@@ -1,0 +1,266 @@
+/** The pan from above on a canvas in metres, y up: at rest while a path is drawn, shaken when a plan is played. */
+
+import { number } from "./dom.js";
+import { locate, pointAt, slidesAt, valueAt } from "./motion.js";
+
+const PAN = 0.18, OBJECT = 0.03;  // m: radii of the simulated arm's pan and object; the law itself knows neither
+const BEAT = 50;  // samples between the dots along a command: close where it is slow
+const ON_PAN = { command: "#f4f0e8", sticks: "#4fa9e0", slides: "#f27a2a" };  // the pan is dark by day and by night
+const SPRITE = { left: -0.42, right: 0.26, half: 0.26 };  // m: what the pan and its shadow cover
+const CAST_IRON = {
+  handle: "#34363a", groove: "#55585e",
+  rim: ["#75787e", "#4c4f54", "#2c2e31"], floor: ["#3b3e43", "#26282b", "#17181a"],
+  edge: "rgb(255 255 255 / .28)", ring: "rgb(255 255 255 / .05)", shadow: "rgb(0 0 0 / .38)",
+};
+
+function disc(x, y, r) {
+  const path = new Path2D();
+  path.arc(x, y, r, 0, 2 * Math.PI);
+  return path;
+}
+
+function polyline(points) {
+  const path = new Path2D();
+  for (const [x, y] of points) path.lineTo(x, y);
+  return path;
+}
+
+/** The samples of a motion up to a place in time. */
+function trace({ x, y }, place) {
+  const path = new Path2D();
+  for (let i = 0; i <= place.k; i++) path.lineTo(x[i], y[i]);
+  path.lineTo(valueAt(x, place), valueAt(y, place));
+  return path;
+}
+
+export class Stage {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.colors = {};
+    this.scale = 1;  // pixels per metre
+    this.resize();
+  }
+
+  resize() {
+    const style = getComputedStyle(document.documentElement);
+    for (const name of ["stage-grid", "stage-ink", "pan"]) this.colors[name] = style.getPropertyValue(`--${name}`);
+    this.width = this.canvas.clientWidth;
+    this.height = this.canvas.clientHeight;
+    this.canvas.width = Math.round(this.width * devicePixelRatio);
+    this.canvas.height = Math.round(this.height * devicePixelRatio);
+    this.sprite = null;  // its colours may have changed
+  }
+
+  /** Where on the pan, as it is drawn for a draft, a pointer is: [x, y] in metres. */
+  toMetres({ clientX, clientY }) {
+    const box = this.canvas.getBoundingClientRect();
+    const scale = Math.min(box.width, box.height) / 2 / (PAN * 1.08);
+    return [(clientX - box.left - box.width / 2) / scale, -(clientY - box.top - box.height / 2) / scale];
+  }
+
+  /**
+   * The pan at rest with a path on it.
+   *
+   * @param drawn  [[x, y], ...] the pen's points so far (m)
+   * @param positions  the command made of them, every millisecond, or null while the pen is down or has drawn nothing
+   * @param pen  [x, y] where a pen moved by keys is, or null
+   */
+  drawDraft({ drawn, positions, pen }) {
+    this.#begin(PAN * 1.08, 0);
+    this.#floor([0, 0]);
+    this.#pan();
+    if (positions) {
+      const start = positions[0];
+      this.#stroke(polyline(positions), ON_PAN.command, 1.5, [5, 5]);
+      for (let k = BEAT; k < positions.length - 1; k += BEAT) {
+        this.#fill(disc(...positions[k], 2 / this.scale), ON_PAN.command);
+      }
+      this.#stroke(disc(...positions.at(-1), 5.5 / this.scale), ON_PAN.command, 1.8);
+      this.#object(start, ON_PAN.sticks);
+    } else if (drawn.length) {
+      this.#stroke(polyline(drawn), ON_PAN.command, 2.2);
+      this.#object(drawn[0], ON_PAN.sticks);
+    }
+    if (pen) this.#stroke(disc(...pen, 7 / this.scale), ON_PAN.slides, 2);
+    this.#end();
+  }
+
+  /** The pan, the object and the command at time t (s); `still` keeps the pan in the middle and moves the world. */
+  drawMotion(motion, t, still) {
+    const { pan, command, object, quality, reachLimit } = motion;
+    const place = locate(motion, t);
+    const half = still ? PAN * 1.12 : Math.max((reachLimit ?? 0) * 1.06, quality.pan_reach + PAN * 1.12);
+    this.#begin(half, still ? 0 : 1);
+    const [x, y] = pointAt(pan, place);
+    const world = still ? [-x, -y] : [0, 0];
+    this.#shifted(world, () => this.#floor(world));
+    this.#shifted([world[0] + x, world[1] + y], () => {
+      this.#pan();
+      this.#stroke(polyline(command.x.map((value, k) => [value, command.y[k]])), ON_PAN.command, 1.5, [5, 5]);
+      this.#traceObject(motion, place);
+      this.#object(pointAt(object, place), slidesAt(motion, t) ? ON_PAN.slides : ON_PAN.sticks);
+      this.#stroke(disc(...pointAt(command, place), 5.5 / this.scale), ON_PAN.command, 1.8);
+    });
+    this.#shifted(world, () => this.#reach(motion, place));
+    this.#end();
+    this.#ruler();
+    this.#dial(pointAt(motion.acceleration, place), motion);
+  }
+
+  #begin(half, aside) {
+    const { context, width, height } = this;
+    this.scale = Math.min(width, height) / 2 / half;
+    this.step = [0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((step) => step * this.scale > 40) ?? 10;
+    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    context.translate(width / 2 + aside * Math.max(0, width - height) / 2, height / 2);  // room for the handle
+    context.scale(this.scale, -this.scale);
+    context.lineCap = context.lineJoin = "round";
+  }
+
+  #end() {
+    this.context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+  }
+
+  #fill(path, color) {
+    this.context.fillStyle = color;
+    this.context.fill(path);
+  }
+
+  /** Strokes a path; width and dashes are in pixels on the screen, given the scale that the context is in. */
+  #stroke(path, color, pixels, dash = [], scale = this.scale) {
+    const { context } = this;
+    context.strokeStyle = color;
+    context.lineWidth = pixels / scale;
+    context.setLineDash(dash.map((part) => part / scale));
+    context.stroke(path);
+  }
+
+  #shifted([x, y], draw) {
+    this.context.save();
+    this.context.translate(x, y);
+    draw();
+    this.context.restore();
+  }
+
+  /** Lines at even distances in the world: they show how the pan moves. */
+  #floor([x, y]) {
+    const { step } = this, half = step * Math.ceil(Math.hypot(this.width, this.height) / this.scale / step);
+    const [left, low] = [-x, -y].map((center) => step * Math.floor(center / step) - half);
+    const lines = new Path2D();
+    for (let at = 0; at <= 2 * half + step; at += step) {
+      lines.moveTo(left + at, low);
+      lines.lineTo(left + at, low + 2 * half);
+      lines.moveTo(left, low + at);
+      lines.lineTo(left + 2 * half, low + at);
+    }
+    this.#stroke(lines, this.colors["stage-grid"], 1);
+  }
+
+  /** The frying pan; drawn once for each scale, because its shadow takes longer than all the rest. */
+  #pan() {
+    const ratio = this.scale * devicePixelRatio;
+    if (this.sprite?.ratio !== ratio) this.#drawSprite(ratio);
+    const { left, right, half } = SPRITE;
+    this.context.save();
+    this.context.scale(1, -1);
+    this.context.drawImage(this.sprite.canvas, left, -half, right - left, 2 * half);
+    this.context.restore();
+  }
+
+  #drawSprite(ratio) {
+    const { left, right, half } = SPRITE;
+    const canvas = document.createElement("canvas");
+    canvas.width = Math.max(1, Math.ceil((right - left) * ratio));  // 0 while the window has no size
+    canvas.height = Math.max(1, Math.ceil(2 * half * ratio));
+    const context = canvas.getContext("2d");
+    context.setTransform(canvas.width / (right - left), 0, 0, -canvas.height / (2 * half), 0, 0);
+    context.translate(-left, -half);
+    const screen = this.context;
+    this.context = context;
+    this.#drawPan();
+    this.context = screen;
+    this.sprite = { canvas, ratio };
+  }
+
+  /** The frying pan, its handle towards the robot at negative x. */
+  #drawPan() {
+    const { context } = this, r = PAN;
+    const polished = (colors) => {
+      const paint = context.createRadialGradient(-r * 0.35, r * 0.4, r * 0.05, 0, 0, r * 1.05);
+      colors.forEach((color, index) => paint.addColorStop(index / 2, color));
+      return paint;
+    };
+    const outline = new Path2D();  // handle and disc as one, so that they throw one shadow
+    outline.moveTo(-r * 0.96, 0.021);
+    outline.bezierCurveTo(-r * 1.22, 0.012, -r * 1.5, 0.011, -r * 1.9, 0.0155);
+    outline.arc(-r * 2.06, 0, 0.0165, Math.PI / 2, -Math.PI / 2);
+    outline.bezierCurveTo(-r * 1.5, -0.011, -r * 1.22, -0.012, -r * 0.96, -0.021);
+    outline.arc(0, 0, r, Math.PI + 0.12, Math.PI - 0.12);
+    const pixels = this.scale * devicePixelRatio;  // a shadow knows no transform
+    context.save();
+    Object.assign(context, { shadowColor: CAST_IRON.shadow, shadowBlur: 0.03 * pixels });
+    Object.assign(context, { shadowOffsetX: 0.008 * pixels, shadowOffsetY: 0.014 * pixels });
+    this.#fill(outline, CAST_IRON.handle);
+    context.restore();
+    this.#stroke(outline, CAST_IRON.edge, 1.5);
+    this.#fill(disc(-r * 2.06, 0, 0.0062), this.colors["stage-grid"]);
+    this.#stroke(new Path2D(`M${-r * 1.16} 0H${-r * 1.9}`), CAST_IRON.groove, 1);
+    this.#fill(disc(0, 0, r), polished(CAST_IRON.rim));
+    this.#fill(disc(0, 0, r * 0.935), polished(CAST_IRON.floor));
+    this.#stroke(disc(0, 0, r), CAST_IRON.edge, 1.5);
+    for (const part of [0.35, 0.6, 0.82]) this.#stroke(disc(0, 0, r * part), CAST_IRON.ring, 1);
+  }
+
+  #object(center, color) {
+    const { context } = this;
+    context.globalAlpha = 0.42;
+    this.#fill(disc(...center, OBJECT), color);
+    context.globalAlpha = 1;
+    this.#stroke(disc(...center, OBJECT), color, 2.2);
+    this.#fill(disc(...center, 3.2 / this.scale), color);
+  }
+
+  /** Where the object has slid so far, with a blue dot wherever it came to rest on the way. */
+  #traceObject({ object, slip, step }, place) {
+    this.#stroke(trace(object, place), ON_PAN.slides, 2.6);
+    for (const [, to] of slip) {
+      const k = Math.round(to / step);
+      if (k <= place.k) this.#fill(disc(object.x[k], object.y[k], 3 / this.scale), ON_PAN.sticks);
+    }
+  }
+
+  /** Where the pan's centre has been, is and may go: drawn over the pan, which covers most of it. */
+  #reach({ pan, reachLimit }, place) {
+    this.context.globalAlpha = 0.75;
+    this.#stroke(trace(pan, place), ON_PAN.sticks, 1.5);
+    this.context.globalAlpha = 1;
+    this.#fill(disc(...pointAt(pan, place), 4 / this.scale), ON_PAN.sticks);
+    if (reachLimit) this.#stroke(disc(0, 0, reachLimit), this.colors.pan, 1.4, [3, 6]);
+  }
+
+  #ruler() {
+    const x = 16, y = this.height - 16, length = this.step * this.scale;
+    this.#stroke(new Path2D(`M${x} ${y - 5}v5h${length}v-5`), this.colors["stage-ink"], 1.5, [], 1);
+    this.context.fillStyle = this.colors["stage-ink"];
+    this.context.font = "12px system-ui, sans-serif";
+    this.context.fillText(`${number(this.step * 1e3, 0)} mm`, x + 5, y - 6);
+  }
+
+  /** The pan's acceleration as an arrow in a dial, whose ring is mu g: an object at rest breaks away beyond it. */
+  #dial([ux, uy], { quality, breakaway }) {
+    const size = this.width < 480 ? 32 : 44, margin = 14 + size;
+    const scale = size / Math.max(quality.acceleration_max, breakaway, 1e-9);
+    const [x, y] = [ux * scale, -uy * scale];
+    this.#shifted([this.width - margin, margin], () => {
+      this.#fill(disc(0, 0, size), this.colors["stage-grid"]);
+      this.#stroke(disc(0, 0, breakaway * scale), this.colors["stage-ink"], 1, [3, 3], 1);
+      this.#stroke(new Path2D(`M0 0L${x} ${y}`), this.colors.pan, 2.5, [], 1);
+      if (Math.hypot(x, y) < 8) return;
+      this.context.translate(x, y);
+      this.context.rotate(Math.atan2(y, x));
+      this.#fill(new Path2D("M4 0L-6 4.5V-4.5z"), this.colors.pan);
+    });
+  }
+}

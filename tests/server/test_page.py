@@ -1,0 +1,356 @@
+"""The page at / in a real browser: draws, plans, plays, downloads, and says in words what goes wrong."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, Route, expect, sync_playwright
+
+from runtime import Command, Plan
+
+CHROMIUM = os.environ.get("SLIDE_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+PATIENCE = 20_000  # ms
+EXAMPLES = ["Circle", "Eight", "Strokes", "Signature"]
+
+if CHROMIUM is None and not os.environ.get("CI"):
+    pytest.skip("no Chromium here: install it, or name it in SLIDE_CHROMIUM", allow_module_level=True)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Open the page of a server; at the end, nothing may have been asked of anybody else, and nothing complained."""
+    contexts: list[BrowserContext] = []
+    asked: list[str] = []
+    complaints: list[str] = []
+    origins: set[str] = set()
+
+    def open_it(url: str, width: int = 1280, height: int = 900, complains: bool = False, **options: Any) -> Page:
+        context = browser.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce", **options)
+        context.set_default_timeout(PATIENCE)
+        contexts.append(context)
+        origins.add(url)
+        page = context.new_page()
+        page.on("request", lambda request: asked.append(request.url))
+        if not complains:
+            page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(url)
+        page.wait_for_selector("body[data-ready]")
+        return page
+
+    yield open_it
+    for context in contexts:
+        context.close()
+    elsewhere = [url for url in asked if not url.startswith((*origins, "blob:"))]
+    assert elsewhere == []
+    assert complaints == []
+
+
+def draw(page: Page, turns: float = 1.0) -> None:
+    """Draw a loop on the pan with the mouse."""
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    x, y, r = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, min(box["width"], box["height"]) * 0.14
+    angles = [2 * math.pi * turns * k / 40 for k in range(41)]
+    points = [(x + r * math.sin(angle), y - r * math.cos(angle)) for angle in angles]
+    page.mouse.move(*points[0])
+    page.mouse.down()
+    for point in points[1:]:
+        page.mouse.move(*point)
+    page.mouse.up()
+
+
+def plan(page: Page) -> dict[str, Any]:
+    """Press Plan, and return what the server was asked."""
+    with page.expect_request("**/plan") as request:
+        page.click("#plan")
+    page.wait_for_selector("#quality:not([hidden])")
+    document: dict[str, Any] = request.value.post_data_json
+    return document
+
+
+def pixels(page: Page) -> str:
+    data: str = page.evaluate("document.getElementById('stage').toDataURL()")
+    return data
+
+
+def seek(page: Page, t: float) -> None:
+    page.evaluate(
+        "t => { const s = document.getElementById('scrub'); s.value = t; s.dispatchEvent(new Event('input')); }", t
+    )
+
+
+def saved(page: Page) -> str:
+    with page.expect_download() as download:
+        page.click("#download")
+    assert download.value.suggested_filename == "plan.json"
+    return Path(download.value.path()).read_text()
+
+
+def test_a_path_drawn_with_the_mouse_is_planned_and_played(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    before = pixels(page)
+    draw(page)
+    assert pixels(page) != before
+    assert re.match(r"\d+ cm in \d\.\d\d s", page.inner_text("#summary"))
+    asked = plan(page)
+    assert Command.from_dict(asked["command"]).reach > 0.05
+    assert asked["friction"] == {"static": 1, "kinetic": 0.5}
+
+    end = page.locator("#scrub").evaluate("s => Number(s.max)")
+    states = set()
+    for share in np.linspace(0.0, 1.0, 21):
+        seek(page, share * end)
+        states.add(page.inner_text("#chip"))
+    assert states == {"sticks", "slides"}
+    assert page.locator("#plots svg[role=img]").count() == 6
+
+    seek(page, 0.0)
+    still = pixels(page)
+    page.click("#play")
+    expect(page.locator("#now")).not_to_have_text("0.000")
+    page.click("#play")
+    assert pixels(page) != still
+    page.click("#redraw")
+    expect(page.locator("#transport")).to_be_hidden()
+
+
+def test_what_is_downloaded_is_the_plan_and_the_curl_line_asks_for_the_same(
+    server: Any, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(server.url, permissions=["clipboard-read", "clipboard-write"])
+    draw(page)
+    asked = plan(page)
+    downloaded = Plan.from_dict(json.loads(saved(page)))
+    assert len(downloaded) == len(Command.from_dict(asked["command"]))
+    shown = page.locator("#figures tr").first.inner_text()
+    assert f"{downloaded.quality.tracking_rmse * 1e3:.1f}" in shown
+
+    page.click("#copy")
+    expect(page.locator("#copied")).to_have_text("Copied.")
+    words = shlex.split(page.evaluate("navigator.clipboard.readText()"))
+    assert words[:2] == ["curl", f"{server.url}/plan"]
+    headers = dict(words[index + 1].split(": ") for index, word in enumerate(words) if word == "-H")
+    again = httpx.post(words[1], content=words[words.index("-d") + 1], headers=headers)
+    assert Plan.from_dict(again.json()).pan_acceleration == pytest.approx(downloaded.pan_acceleration, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_each_example_is_a_command_the_model_knows_and_follows(
+    server: Any, open_page: Callable[..., Page], name: str
+) -> None:
+    page = open_page(server.url)
+    page.get_by_role("button", name=name).click()
+    plan(page)
+    quality = Plan.from_dict(json.loads(saved(page))).quality
+    assert quality.status in ("ok", "governed")
+    assert quality.tracking_rmse < 0.01
+    expect(page.locator("#badge")).to_contain_text("Within limits")
+
+
+def test_wild_scribbles_become_commands_from_rest_to_rest_within_the_ranges(
+    server: Any, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(server.url)
+    random = np.random.default_rng(6)
+    for speed in (0.15, 0.4, 0.7):
+        corners = random.uniform(-0.15, 0.15, (12, 2))
+        command = page.evaluate(
+            "async ([points, speed]) => {"
+            " const { commandAlong, commandDocument } = await import('/path.js');"
+            " return commandDocument(commandAlong(points, { speed, reach: 0.15 }).positions); }",
+            [corners.tolist(), speed],
+        )
+        made = Command.from_dict(command)
+        assert made.reach <= 0.15
+        assert 0.8 * speed < made.speed <= speed * 1.01
+        acceleration = np.diff(made.position, 2, axis=0) / 1e-6
+        assert np.hypot(*acceleration.T).max() < 8.0
+        assert np.hypot(*made.velocity[[0, -1]].T).max() < 0.01
+
+
+def test_everything_can_be_done_from_the_keyboard_and_the_focus_is_seen(
+    server: Any, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(server.url)
+    outline = "getComputedStyle(document.activeElement).outlineStyle"
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "stage"
+    assert page.evaluate(outline) == "solid"
+    for key in ["ArrowRight"] * 8 + ["ArrowUp"] * 6 + ["Shift+ArrowLeft"] * 5:
+        page.keyboard.press(key)
+    expect(page.locator("#summary")).to_contain_text("7 cm in")
+    seen = []
+    while "plan" not in seen:
+        page.keyboard.press("Tab")
+        seen.append(page.evaluate("document.activeElement.id || document.activeElement.textContent"))
+        assert page.evaluate(outline) == "solid", seen
+        if seen[-1] == "speed":
+            page.keyboard.press("ArrowRight")
+    assert seen == [*EXAMPLES, "speed", "static", "kinetic", "plan"]
+    assert page.inner_text("#speed-value") == "0.45 m/s"
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#quality:not([hidden])")
+    page.evaluate("document.activeElement.blur()")
+    at = page.inner_text("#now")
+    page.keyboard.press("ArrowRight")
+    assert float(page.inner_text("#now")) == pytest.approx(float(at) + 0.01, abs=0.0011)
+    page.keyboard.press(" ")
+    expect(page.locator("#play")).to_have_attribute("aria-label", "Pause")
+
+
+def test_friction_at_rest_is_never_less_than_while_sliding(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    page.locator("#kinetic").fill("0.8")
+    page.locator("#static").fill("0.6")
+    assert page.inner_text("#kinetic-value") == "0.60"
+    assert plan(page)["friction"] == {"static": 0.6, "kinetic": 0.6}
+    page.locator("#kinetic").fill("0.3")
+    assert page.inner_text("#summary").startswith("Not planned yet")
+
+
+def test_on_a_phone_a_finger_draws_and_nothing_is_wider_than_the_screen(
+    server: Any, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(server.url, width=360, height=740, has_touch=True, is_mobile=True)
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    fingers = page.context.new_cdp_session(page)
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    for kind, dx in [("touchStart", 0.0), *(("touchMove", 6.0 * k) for k in range(1, 12)), ("touchEnd", None)]:
+        points = [] if dx is None else [{"x": x + dx, "y": y + dx / 2}]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    expect(page.locator("#summary")).to_contain_text(re.compile(r"^[89] cm in"))
+    plan(page)
+    page.locator("#quality summary").click()
+    widest = "Math.max(...[...document.querySelectorAll('body *')].map(e => e.getBoundingClientRect().right))"
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    assert page.evaluate(widest) <= 360
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_what_it_is_written_on(server: Any, open_page: Callable[..., Page], scheme: str) -> None:
+    page = open_page(server.url, color_scheme=scheme)
+    pairs = [("ink", "card"), ("soft", "card"), ("soft", "page"), ("on-act", "act"), ("stage-ink", "stage")]
+    pairs += [(state, "card") for state in ("ok", "warn", "bad")]
+    color = "name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim()"
+    for text, ground in pairs:
+        bright, dim = sorted((luminance(page.evaluate(color, name)) for name in (text, ground)), reverse=True)
+        assert (bright + 0.05) / (dim + 0.05) >= 4.5, (text, ground)
+
+
+def luminance(color: str) -> float:
+    """Return the relative luminance of #rgb or #rrggbb (WCAG 2)."""
+    digits = color[1:] if len(color) == 7 else "".join(2 * digit for digit in color[1:])
+    parts = [int(digits[at : at + 2], 16) / 255 for at in (0, 2, 4)]
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def test_a_server_that_was_stopped_is_told_in_words_and_the_path_is_kept(
+    run_server: Callable[..., Any], open_page: Callable[..., Page]
+) -> None:
+    with run_server() as server:
+        page = open_page(server.url, complains=True)
+        draw(page)
+    drawn = page.inner_text("#summary")
+    page.click("#plan")
+    expect(page.get_by_role("alert")).to_contain_text("The server cannot be reached: it may have been stopped.")
+    assert page.inner_text("#summary") == drawn
+
+
+def test_a_server_with_a_token_asks_for_it(run_server: Callable[..., Any], open_page: Callable[..., Page]) -> None:
+    with run_server(token="let me in") as server:
+        page = open_page(server.url, complains=True)
+        page.click("#plan")
+        expect(page.get_by_role("alert")).to_contain_text("only for those who have its token")
+        page.get_by_label("Token of this server").fill("let me in")
+        plan(page)
+        expect(page.get_by_role("alert")).to_be_hidden()
+        curl = page.locator("#curl").text_content() or ""
+        assert "let me in" not in curl
+        assert "$SLIDE_TOKEN" in curl
+
+
+def test_a_path_beyond_what_the_server_takes_is_refused_in_words(
+    run_server: Callable[..., Any], open_page: Callable[..., Page]
+) -> None:
+    for limit, words in (
+        ({"max_samples": 400}, "at most 400 are taken"),
+        ({"max_body": 1024}, "too long for the server"),
+    ):
+        with run_server(**limit) as server:
+            page = open_page(server.url, complains=True)
+            page.click("#plan")
+            expect(page.get_by_role("alert")).to_contain_text(words)
+
+
+@pytest.mark.parametrize(
+    ("status", "headers", "words"),
+    [
+        (422, {}, "The server cannot plan this path. <img src=x onerror=alert(1)>."),
+        (500, {}, "Something broke inside the server."),
+        (503, {"Retry-After": "7"}, "The server has its hands full. Try again in 7 s."),
+        (504, {}, "Planning took longer than the server allows."),
+        (200, {}, "answer is no plan that this page can read"),
+        (418, {}, "The server answered with status 418."),
+    ],
+)
+def test_every_refusal_is_told_in_words_and_no_markup_of_it_is_taken(
+    server: Any, open_page: Callable[..., Page], status: int, headers: dict[str, str], words: str
+) -> None:
+    page = open_page(server.url, complains=True)
+    problem = json.dumps({"title": "t", "detail": "<img src=x onerror=alert(1)>"})
+
+    def refuse(route: Route) -> None:
+        route.fulfill(status=status, headers=headers, body=problem)
+
+    page.route("**/plan", refuse)
+    page.click("#plan")
+    expect(page.get_by_role("alert")).to_contain_text(words)
+    assert page.locator("#message img").count() == 0
+    page.unroute("**/plan")
+    plan(page)
+    expect(page.get_by_role("alert")).to_be_hidden()
+
+
+def test_the_files_are_small_and_name_nothing_outside() -> None:
+    static = Path(__file__).parents[2] / "server/static"
+    files = [path for path in static.iterdir() if path.suffix in (".html", ".js", ".css")]
+    assert len(files) > 8
+    for path in files:
+        text = path.read_text()
+        assert len(text.splitlines()) <= 400, path.name
+        assert not re.findall(r"https?://|style=\"|<script>|\son\w+=", text), path.name
+    names = {path.name for path in files}
+    for path in files:
+        for name in re.findall(r'from "\./([^"]+)"', path.read_text()):
+            assert name in names
