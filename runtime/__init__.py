@@ -15,7 +15,7 @@ from runtime.errors import (
     OutputError,
     SlideError,
 )
-from runtime.friction import Friction
+from runtime.friction import Friction, compile_law
 from runtime.limits import Limits
 from runtime.plan import Plan
 from runtime.planner import Planner
@@ -41,4 +41,5 @@ __all__ = [
     "Status",
     "Stream",
     "StreamStatus",
+    "compile_law",
 ]
