@@ -17,7 +17,6 @@ So whatever is asked for, the pan can come to rest in its reach from every sampl
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -177,22 +176,23 @@ def _hold_back(motion: Motion, u: FloatArray, pan: FloatArray) -> tuple[FloatArr
 def _nearest(
     motion: Motion, u: FloatArray, held: tuple[FloatArray, FloatArray, Motion]
 ) -> tuple[FloatArray, FloatArray, Motion]:
-    """Return `held`, or the detour that is nearer to the chunk `u` (C, 2) and nearest of all."""
-    limits, best, nearest = motion.limits, held, float(_squares(held[0] - u).sum())
+    """Return the shortest detour that keeps the limits if it is nearer to the chunk `u` (C, 2) than `held` is."""
+    limits, farthest = motion.limits, float(_squares(held[0] - u).sum())
     for samples in DETOURS:
         if samples >= len(u):
             break
         path = np.concatenate([motion.brake.accelerations(samples), u[samples:]])
         detour = follow(np.array([motion.state[4:]]), path[None], [limits])[0]
-        change = float(_squares(detour - u).sum())
-        if change >= nearest:
-            continue
+        if not _squares(detour - u).sum() < farthest:
+            break
         pan = integrate_pan(np.array(motion.state[:4]), detour)
+        if _squares(pan[:, :2]).max() > limits.pan_reach * limits.pan_reach:
+            continue
         end = PanState(*pan[-1].tolist(), *detour[-1].tolist())
         brake = find_brake(end, limits)
-        if max(math.sqrt(_squares(pan[:, :2]).max()), stop_reach(end, brake)) <= limits.pan_reach:
-            best, nearest = (detour, pan, Motion(end, brake, limits)), change
-    return best
+        if stop_reach(end, brake) <= limits.pan_reach:
+            return detour, pan, Motion(end, brake, limits)
+    return held
 
 
 def _share_in_reach(stop: FloatArray, there: FloatArray, reach: float) -> float:
