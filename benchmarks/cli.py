@@ -15,13 +15,15 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
-from benchmarks import accuracy, control, speed
+from benchmarks import accuracy, control, endurance, refinement, speed
 from benchmarks.machine import Machine, this_machine, versions
 from benchmarks.targets import Verdict, judge
 from runtime.cli import DONE_BUT_MISSED, AsJson, print_json, run, say
 from runtime.documents import check_writable, write_whole
+from runtime.friction import Friction
 from runtime.planner import Planner
 
 NAME = "slide-bench"
@@ -36,10 +38,12 @@ class Section(StrEnum):
     ACCURACY = "accuracy"
     SPEED = "speed"
     CONTROL = "control"
+    REFINE = "refine"
+    LONG = "long"
     TRAINING = "training"
 
 
-TIMED = {Section.SPEED, Section.CONTROL, Section.TRAINING}
+TIMED = {Section.SPEED, Section.CONTROL, Section.REFINE, Section.TRAINING}
 """What a busy machine spoils."""
 
 
@@ -57,14 +61,17 @@ def slide_bench(
     ] = None,
     only: Annotated[
         list[Section] | None,
-        typer.Option("--only", help="accuracy, speed, control or training; may be repeated.", metavar="SECTION"),
+        typer.Option(
+            "--only", help="accuracy, speed, control, refine, long or training; may be repeated.", metavar="SECTION"
+        ),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the JSON object to.", metavar="FILE")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure accuracy on the suite, speed beside torch eager, a controller's deadlines, and a training step."""
+    """Measure accuracy on the suite, speed beside torch eager, a controller's deadlines, refinement beside the
+    optimizer, long and disturbed commands, and a training step."""
     if output is not None:
         check_writable(output)
     machine, planner = this_machine(), Planner(model)
@@ -96,6 +103,12 @@ def measure(chosen: list[Section], planner: Planner, model: Path | None) -> tupl
     if Section.ACCURACY in chosen:
         _progress("accuracy on the suite")
         sections[Section.ACCURACY] = accuracy.measure_suite(accuracy.network(planner))
+    if Section.LONG in chosen:
+        _progress("long commands")
+        try:
+            sections[Section.LONG] = endurance.measure(planner)
+        except ModuleNotFoundError as error:
+            notes.append(f"long is left out: {error.name} is not installed; {TRAIN_EXTRA}")
     if not TIMED & set(chosen):
         return sections, notes
     with one_torch_thread() as missing:
@@ -108,6 +121,12 @@ def measure(chosen: list[Section], planner: Planner, model: Path | None) -> tupl
         if Section.CONTROL in chosen:
             _progress("a controller's figures")
             sections[Section.CONTROL] = control.measure(planner, model)
+        if Section.REFINE in chosen:
+            _progress("refinement")
+            peer = None if missing else _optimizer()
+            sections[Section.REFINE] = refinement.measure_refinement(planner, peer)
+            if missing:
+                notes.append(f"the optimizer is left out: {missing} is not installed; {TRAIN_EXTRA}")
         if Section.TRAINING in chosen and missing:
             notes.append(f"training is left out: {missing} is not installed; {TRAIN_EXTRA}")
         elif Section.TRAINING in chosen:
@@ -145,6 +164,15 @@ def _eager_planner(model: Path | None) -> Planner:
     return EagerPlanner(model)
 
 
+def _optimizer() -> accuracy.PlanFunction:
+    from benchmarks.peers.cross_entropy import CrossEntropy  # numba takes as long, and may not be installed
+
+    optimizer = CrossEntropy()
+    position = np.zeros((10, 2))
+    optimizer([position], [Friction()])  # compiles
+    return optimizer
+
+
 def document(machine: Machine, planner: Planner, sections: Mapping[Section, Any], notes: list[str]) -> dict[str, Any]:
     """Return the results as a JSON document, SI units throughout; a section that was not measured is absent."""
     manifest = planner.bundle.manifest
@@ -173,6 +201,8 @@ def _print_results(
         Section.ACCURACY: tables.accuracy_tables,
         Section.SPEED: tables.speed_tables,
         Section.CONTROL: tables.control_tables,
+        Section.REFINE: tables.refine_tables,
+        Section.LONG: tables.long_tables,
         Section.TRAINING: tables.training_tables,
     }
     tables.print_tables([tables.machine_table(machine, versions(), model)])

@@ -20,7 +20,7 @@ from benchmarks.suite import NOMINAL, SAMPLES, shapes, spline
 from benchmarks.timing import Spread, interleave
 from runtime.cli import BAD_INPUT
 from runtime.errors import SlideError
-from runtime.friction import FloatArray, rollout, rollout_batch
+from runtime.friction import FloatArray, compile_law, rollout, rollout_batch
 from runtime.planner import Planner
 
 SINGLE_ROUNDS = 60
@@ -35,6 +35,8 @@ LAW_BATCHES = (8, 16, 24, 32, 48, 64, 96, 128)
 """Numbers of trajectories at which the batched law is timed against the scalar one in a loop."""
 
 PROCESS_ROUNDS = 5
+
+LARGE_ROUNDS = 12
 
 SLIDE_PLAN = "from runtime.cli import plan_main; plan_main()"
 """What the installed script `slide-plan` runs."""
@@ -78,10 +80,20 @@ class LawSpeed:
 
 @dataclass(frozen=True)
 class Speed:
-    """Everything this section measures; `slide_plan` is the time from process start to written file (s)."""
+    """Everything this section measures.
+
+    Attributes:
+        single, batch: of the bundle, one command at a time and BATCH.
+        compiled: `single` with the law run by numba, on both sides; None if numba is not installed.
+        large: single plans of a network of the paper's size, 8-bit; None if torch is not installed.
+        law: of the law of friction alone.
+        slide_plan: the time from process start to written file (s).
+    """
 
     single: PlanningSpeed
+    compiled: PlanningSpeed | None
     batch: PlanningSpeed
+    large: PlanningSpeed | None
     law: LawSpeed
     slide_plan: Spread
 
@@ -99,7 +111,9 @@ def measure(planner: Planner, eager: Planner | None, model: Path | None) -> Spee
     """
     return Speed(
         single=planning_speed(planner, eager, 1, SINGLE_ROUNDS),
+        compiled=compiled_speed(planner, eager),
         batch=planning_speed(planner, eager, BATCH, BATCH_ROUNDS),
+        large=None if eager is None else large_speed(),
         law=law_speed(),
         slide_plan=process_time(model, PROCESS_ROUNDS),
     )
@@ -112,6 +126,24 @@ def planning_speed(planner: Planner, eager: Planner | None, commands: int, round
     rates = {name: Spread.of(commands * SAMPLES / duration) for name, duration in durations.items()}
     ratio = None if eager is None else float(np.median(durations["torch"] / durations["ours"]))
     return PlanningSpeed(commands, SAMPLES, rates["ours"], rates.get("torch"), ratio)
+
+
+def compiled_speed(planner: Planner, eager: Planner | None) -> PlanningSpeed | None:
+    """Plan as `single` does, with the law run by numba."""
+    try:
+        return planning_speed(planner, eager, 1, SINGLE_ROUNDS) if compile_law() else None
+    finally:
+        compile_law(False)
+
+
+def large_speed() -> PlanningSpeed:
+    """Plan with a network of the paper's size, 8-bit, and the same size on torch eager, in turn."""
+    from benchmarks.large import write_large  # they need torch
+    from benchmarks.torch_eager import EagerPlanner
+
+    with tempfile.TemporaryDirectory() as folder:
+        bundle = write_large(Path(folder))
+        return planning_speed(Planner(bundle), EagerPlanner(bundle), 1, LARGE_ROUNDS)
 
 
 def _action(planner: Planner, commands: int) -> Callable[[], object]:

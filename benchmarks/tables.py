@@ -12,7 +12,9 @@ from rich.table import Table
 
 from benchmarks.accuracy import PAN_REACH, Accuracy, Figures
 from benchmarks.control import Control
+from benchmarks.endurance import Endurance
 from benchmarks.machine import Machine
+from benchmarks.refinement import BUDGET, Refinement
 from benchmarks.speed import LAW_BATCHES, PlanningSpeed, Speed
 from benchmarks.targets import Verdict
 from benchmarks.timing import Spread
@@ -104,6 +106,8 @@ def speed_tables(speed: Speed, verdicts: Sequence[Verdict]) -> list[Table]:
     details = {
         "speed.single.samples_per_second.median": _planning_rows(speed.single),
         "speed.batch.samples_per_second.median": _planning_rows(speed.batch),
+        **({"speed.compiled.samples_per_second.median": _planning_rows(speed.compiled)} if speed.compiled else {}),
+        **({"speed.large.samples_per_second.median": _planning_rows(speed.large)} if speed.large else {}),
         "speed.slide_plan.median": [("  10 % to 90 %", _span(speed.slide_plan, "{:.2f}"))],
     }
     extra = [
@@ -132,6 +136,51 @@ def control_tables(control: Control, verdicts: Sequence[Verdict]) -> list[Table]
         "control.first_plan.median": [("  10 % to 90 %", _span(control.first_plan, "{:.2f}"))],
     }
     return _figures_tables("In a controller, one thread", verdicts, details)
+
+
+def refine_tables(refinement: Refinement, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return what refinement does to each family, beside what is asked of it."""
+    rows = [
+        (
+            name,
+            f"{each.commands}",
+            f"{each.before * MM:.2f}",
+            f"{each.after * MM:.2f}",
+            f"{each.after / each.before - 1.0:+.0%}",
+            "" if each.optimizer is None else f"{each.optimizer * MM:.2f}",
+            f"{each.pan_reach_max * MM:.0f}",
+        )
+        for name, each in refinement.families.items()
+    ]
+    title = f"Refinement in {BUDGET:g} ms ({refinement.time * 1e3:.0f} ms a plan), mean tracking RMSE (mm)"
+    header = ("family", "commands", "before", "after", "change", "optimizer", "reach")
+    return [table(title, header, rows), *_figures_tables("Asked of refinement", verdicts)]
+
+
+def long_tables(endurance: Endurance, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the error of long commands by window, the memory, and how a disturbed loop recovers."""
+    names = list(endurance.short)
+    rows = [("short commands", "", *(f"{endurance.short[name] * MM:.2f}" for name in names), "")]
+    for each in endurance.windows:
+        errors = (f"{each.families[name] * MM:.2f}" for name in names)
+        chunks = "trained on" if each.chunks is None else f"{each.chunks}"
+        rows.append((chunks, f"{each.unread}", *errors, f"{each.ratio:.2f}"))
+    loop = endurance.recovery
+    details = {
+        "long.windows.0.ratio": [
+            (f"  memory for {endurance.seconds / 3:g} s (MB)", f"{endurance.memory_third * 1e-6:.1f}"),
+            (f"  memory for {endurance.seconds:g} s (MB)", f"{endurance.memory * 1e-6:.1f}"),
+        ],
+        "long.recovery.ratio": [
+            ("  undisturbed, a chunk (mm)", f"{loop.nominal * MM:.2f}"),
+            ("  under noise (mm)", f"{loop.noisy * MM:.2f}"),
+            ("  third chunk after the push (mm)", f"{loop.after * MM:.2f}"),
+            ("  runs back under 2 x within 3 chunks (%)", f"{loop.recovered * 100:.0f}"),
+        ],
+    }
+    title = f"Commands of {endurance.seconds:g} s: mean tracking RMSE of each 1.2 s (mm)"
+    header = ("window (chunks)", "unread", *names, "worst")
+    return [table(title, header, rows), *_figures_tables("Asked of long commands", verdicts, details)]
 
 
 def training_tables(training: Training, verdicts: Sequence[Verdict]) -> list[Table]:

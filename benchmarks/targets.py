@@ -53,14 +53,25 @@ TARGETS = (
         "accuracy.families.spline.no_better_than_unmoved", "spline, no better than a still pan", "", "<=", 0, "{:.0f}"
     ),
     Target("speed.single.samples_per_second.median", "single plan", "samples/s", ">=", 150e3, "{:,.0f}"),
+    Target("speed.compiled.samples_per_second.median", "single plan, numba's law", "samples/s", ">=", 150e3, "{:,.0f}"),
+    Target("speed.compiled.ratio_to_torch", "numba's law, over torch eager", "x", ">=", 5.0, "{:.2f}"),
     Target("speed.batch.samples_per_second.median", "batch of 64", "samples/s", ">=", 500e3, "{:,.0f}"),
     Target("speed.single.ratio_to_torch", "single plan over torch eager", "x", ">=", 5.0, "{:.2f}"),
+    Target(
+        "speed.large.samples_per_second.median", "single plan, 2 x 1024 units int8", "samples/s", ">=", 57e3, "{:,.0f}"
+    ),
+    Target("speed.large.ratio_to_torch", "2 x 1024 units over torch eager", "x", ">=", 5.5, "{:.2f}"),
     Target("speed.slide_plan.median", "slide-plan, start to file", "s", "<=", 1.5, "{:.2f}"),
     Target("control.step.p50", "stream step, median", "ms", "<=", 0.35e-3, "{:.2f}", 1e3),
     Target("control.step.p99", "stream step, 99 %", "ms", "<=", 1e-3, "{:.2f}", 1e3),
     Target("control.governor_share", "governor's share of planning", "%", "<=", 0.15, "{:.1f}", 100.0),
     Target("control.first_plan.median", "process start to first plan", "s", "<=", 0.5, "{:.2f}"),
     Target("control.memory", "memory of it", "MB", "<=", 110e6, "{:.0f}", 1e-6),
+    Target("refine.reduction", "refinement, error down by", "%", ">=", 0.25, "{:.1f}", 100.0),
+    Target("refine.worse", "refinement, commands made worse", "", "<=", 0, "{:.0f}"),
+    Target("refine.over_optimizer", "refined over optimizer, worst family", "x", "<=", 1.0, "{:.2f}"),
+    Target("long.windows.0.ratio", "60 s over short commands, worst", "x", "<=", 1.0, "{:.2f}"),
+    Target("long.recovery.ratio", "error after a push over nominal", "x", "<=", 2.0, "{:.2f}"),
     Target("training.step.median", "forward + backward", "s", "<=", 0.4, "{:.3f}"),
     Target("training.friction_share", "friction's share of it", "%", "<", 0.1, "{:.1f}", 100.0),
 )
@@ -107,5 +118,8 @@ def _look_up(results: Mapping[str, Any], figure: str) -> float | None:
     """Return the value at a dotted path, None if there is none."""
     found: Any = results
     for key in figure.split("."):
-        found = found.get(key) if isinstance(found, Mapping) else None
+        if isinstance(found, (list, tuple)):
+            found = found[int(key)]
+        else:
+            found = found.get(key) if isinstance(found, Mapping) else None
     return None if found is None else float(found)

@@ -16,7 +16,7 @@ from runtime.errors import (
     ServerError,
     SlideError,
 )
-from runtime.friction import Friction
+from runtime.friction import Friction, compile_law
 from runtime.limits import Limits
 from runtime.plan import Plan
 from runtime.planner import Planner
@@ -43,4 +43,5 @@ __all__ = [
     "Status",
     "Stream",
     "StreamStatus",
+    "compile_law",
 ]

@@ -17,6 +17,9 @@ from runtime.governor import Motion, govern
 from runtime.limits import RESTING, Limits, PanState, find_brake, stop_reach
 from runtime.start import Start
 
+WINDOW: int | None = None
+"""Chunks that are read at once; None for as many as the longest command trained on had."""
+
 UNREAD = 3
 """Chunks at the end of a window that are read and planned again with the next: where a command goes on, the network
 must not think it ends. Which number is best depends on the commands; 3 was never far from it."""
@@ -101,6 +104,12 @@ def begin(start: Start, limits: Limits) -> Motion:
         raise InputError(f"start: pan acceleration {size:.4g} m/s^2 exceeds the limit, {limits.acceleration:g} m/s^2")
     if distance > limits.pan_reach:
         raise InputError(f"start: the pan is {distance:.4g} m from its centre, its reach is {limits.pan_reach:g} m")
+    shortest = 0.5 * speed * speed / limits.acceleration
+    if shortest > 2.0 * limits.pan_reach:
+        raise InputError(
+            f"start: the pan is too fast to stop inside its reach: at {speed:.4g} m/s it needs {shortest:.4g} m within "
+            f"{limits.acceleration:g} m/s^2, and its reach of {limits.pan_reach:g} m is {2 * limits.pan_reach:g} m wide"
+        )
     brake = find_brake(state, limits)
     needed = stop_reach(state, brake)
     if needed > limits.pan_reach:
@@ -124,7 +133,8 @@ def window(first: int, count: int, manifest: Manifest) -> tuple[int, int]:
     the next window begins UNREAD chunks before the end of that, with the pan and the object where they are by then:
     the memory needed does not grow with the length, and the decoder never works past what it was trained for.
     """
-    most = max(UNREAD + 1, int(manifest.trained_on["samples"][1]) // manifest.chunk)
+    trained = int(manifest.trained_on["samples"][1]) // manifest.chunk
+    most = max(UNREAD + 1, trained if WINDOW is None else WINDOW)
     seen = min(count, first + most)
     return (count if seen == count else seen - UNREAD), seen
 

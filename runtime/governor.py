@@ -8,7 +8,9 @@ each limit is a ball. The governor always holds one member of that set, the stop
 2.  if the pan then stays in reach, and a stop in reach leads on from the chunk's end, that is the chunk. What keeps
     the limits by itself is not changed in a single bit;
 3.  otherwise the chunk is the point on the line from the stop to it, nearest to what was asked for, from whose end a
-    stop in reach leads on. The stop itself is such a point, so there always is one.
+    stop in reach leads on. The stop itself is such a point, so there always is one;
+4.  or the stop's beginning and then what was asked for, if that keeps the limits, leads to a stop in reach, and is
+    nearer: a pan that would leave its reach by a hair, and come back, is not held back for all of a chunk.
 
 So whatever is asked for, the pan can come to rest in its reach from every sample: along the chunk and its stop.
 """
@@ -26,6 +28,9 @@ from runtime.limits import Brake, Limits, PanState, find_brake, stop_reach
 
 BISECTIONS = 6
 """Halvings of the line between the stop and what was asked for: to within 1/64 of the way."""
+
+DETOURS = (5, 10, 20, 40)
+"""Numbers of samples of the stop that are tried before what was asked for."""
 
 
 class Motion(NamedTuple):
@@ -57,7 +62,7 @@ class Governed(NamedTuple):
 
 
 def govern(motions: Sequence[Motion], asked: FloatArray) -> Governed:
-    """Let B pans do what is asked for as far as their limits allow; see the module for the three steps.
+    """Let B pans do what is asked for as far as their limits allow; see the module for the steps.
 
     Args:
         motions: the pans before the chunk.
@@ -132,7 +137,7 @@ def _follow_one(last: FloatArray, u: FloatArray, wrong: Sequence[int], limits: L
 
 
 def _hold_back(motion: Motion, u: FloatArray, pan: FloatArray) -> tuple[FloatArray, FloatArray, Motion]:
-    """Return the point between the stop and the chunk `u` (C, 2), nearest to `u`, that a stop in reach leads on from.
+    """Return what is nearest to the chunk `u` (C, 2) of what a stop in reach leads on from.
 
     Args:
         motion: the pan before the chunk.
@@ -165,7 +170,29 @@ def _hold_back(motion: Motion, u: FloatArray, pan: FloatArray) -> tuple[FloatArr
         held = stop + smallest * (u - stop)
         held_pan = integrate_pan(np.array(motion.state[:4]), held)
     after = PanState(*held_pan[-1].tolist(), *held[-1].tolist())
-    return held, held_pan, Motion(after, found, limits)
+    return _nearest(motion, u, (held, held_pan, Motion(after, found, limits)))
+
+
+def _nearest(
+    motion: Motion, u: FloatArray, held: tuple[FloatArray, FloatArray, Motion]
+) -> tuple[FloatArray, FloatArray, Motion]:
+    """Return the shortest detour that keeps the limits if it is nearer to the chunk `u` (C, 2) than `held` is."""
+    limits, farthest = motion.limits, float(_squares(held[0] - u).sum())
+    for samples in DETOURS:
+        if samples >= len(u):
+            break
+        path = np.concatenate([motion.brake.accelerations(samples), u[samples:]])
+        detour = follow(np.array([motion.state[4:]]), path[None], [limits])[0]
+        if not _squares(detour - u).sum() < farthest:
+            break
+        pan = integrate_pan(np.array(motion.state[:4]), detour)
+        if _squares(pan[:, :2]).max() > limits.pan_reach * limits.pan_reach:
+            continue
+        end = PanState(*pan[-1].tolist(), *detour[-1].tolist())
+        brake = find_brake(end, limits)
+        if stop_reach(end, brake) <= limits.pan_reach:
+            return detour, pan, Motion(end, brake, limits)
+    return held
 
 
 def _share_in_reach(stop: FloatArray, there: FloatArray, reach: float) -> float:

@@ -28,6 +28,13 @@ from runtime.friction import DT
 UNITS = {"pan_reach": "m", "acceleration": "m/s^2", "jerk": "m/s^3"}
 """The limits' names and units."""
 
+USABLE = (1e-6, 1e9)
+"""Range of a finite limit, in its own unit: what is beyond is a slip of the unit, and its square no number to trust."""
+
+LONGEST_RAMP = 10.0
+"""Longest time (s) that a jerk limit may take to bring the acceleration to its limit: a stop would take longer still,
+and no plan would come to see it."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -39,7 +46,8 @@ class Limits:
         jerk: largest change of the pan acceleration from one sample to the next, over dt (m/s^3).
 
     Raises:
-        InputError: a limit is no number or not greater than zero, or some are infinite and some are not.
+        InputError: a limit is no number, not greater than zero or outside USABLE; some are infinite and some are not;
+            or the jerk is so small that the acceleration takes more than LONGEST_RAMP to come to its limit.
     """
 
     pan_reach: float = 0.2
@@ -58,6 +66,20 @@ class Limits:
             # Whether the pan can stop inside a reach is no question without a bound on how hard it may brake.
             values = ", ".join(f"{name} {value:g}" for name, value in vars(self).items())
             raise InputError(f"limits contradict each other: all must be finite, or none: {values}")
+        if not self.finite:
+            return
+        for name, unit in UNITS.items():
+            value = getattr(self, name)
+            if not USABLE[0] <= value <= USABLE[1]:
+                low, high = USABLE
+                raise InputError(f"limit {name} must be between {low:g} and {high:g} {unit}, got {value:g} {unit}")
+        ramp = self.acceleration / self.jerk
+        if ramp > LONGEST_RAMP:
+            raise InputError(
+                f"limits contradict each other: at a jerk of {self.jerk:g} m/s^3 the acceleration takes {ramp:.4g} s "
+                f"to come to {self.acceleration:g} m/s^2, and no stop would be shorter; at most {LONGEST_RAMP:g} s are "
+                "accepted"
+            )
 
     @property
     def finite(self) -> bool:

@@ -69,8 +69,9 @@ class Planner:
             limits: what holds at every sample; the manifest's if None.
             start: where pan and object are; at rest, the pan in the middle, the object on its mark, if None.
             tolerance: tracking RMSE (m) that the plan is held against, also under other friction; see `FrictionRange`.
-            refine_ms: time (ms) to spend on making the plan better; see `runtime.refine`. Without numba it is hardly
-                worth it. The first call compiles, which takes seconds and does not count.
+            refine_ms: time (ms) to spend on making the plan better; see `runtime.refine`. Without numba a step takes
+                half a second instead of half a millisecond. The first call compiles, which takes seconds and does not
+                count.
             refine_iterations: steps to take instead, which gives the same plan each time.
 
         Returns:
@@ -251,7 +252,7 @@ def _effort(milliseconds: float | None, iterations: int | None, limits: Limits) 
     """Return how long to refine, None for not at all; loads what it takes, so that the time begins to count after.
 
     Raises:
-        InputError: both are given, one is negative or no number, or there are no limits to refine within.
+        InputError: both are given, one is negative, no number or not whole, or there are no limits to refine within.
     """
     if milliseconds is None and iterations is None:
         return None
@@ -263,6 +264,8 @@ def _effort(milliseconds: float | None, iterations: int | None, limits: Limits) 
     amount = number(value, name)
     if amount < 0.0:
         raise InputError(f"{name} must not be negative, got {amount:g}")
+    if iterations is not None and amount != int(amount):
+        raise InputError(f"refine_iterations must be a whole number, got {amount:g}")
     kernels()
     return Effort(amount * 1e-3) if iterations is None else Effort(0.0, int(amount))
 

@@ -1,11 +1,13 @@
-"""Refinement: a plan made better by descending its tracking error through the adjoint of the law.
+"""Refinement: a plan made better by descending its tracking error through the law.
 
-The network plans in a single pass; what is left of the error is brought down by Adam on the pan's accelerations, with
-one second moment for all of them, so that the step is a number of m/s^2. After each step the accelerations are
-made to keep the limits on acceleration and jerk again, and a soft penalty keeps the pan in reach; at the end the
-governor goes over the best accelerations found, so that a refined plan keeps its limits by the same proof as any other.
+The network plans in a single pass; what is left of the error is brought down by Gauss-Newton steps on the pan's
+accelerations (`runtime.descent`), damped until they pay. A step sees only what the strokes it has would gain from
+being a little different; where none pays, single strokes are kicked, at random but the same each time, while all that
+follows answers as the last step found best, and what tracks better is kept.
 
-`track` and `descend` are plain Python over sequences of floats: lists as they are, arrays where numba compiles them.
+Each try keeps the limits on acceleration and jerk, and a penalty keeps the pan in reach; of what is found, the best
+that also keeps its reach, and from whose end a stop in reach leads on, is what counts. The governor goes over it in the
+end, so that a refined plan keeps its limits by the same proof as any other.
 """
 
 from __future__ import annotations
@@ -14,146 +16,68 @@ import math
 import time
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from runtime.adjoint import slide_step_adjoint
+from runtime.compiled import compile_together, compiler
+from runtime.descent import BLOCK, FUNCTIONS, ROW, SIZE, STATE, Column, move, sweep
 from runtime.documents import FloatArray
-from runtime.friction import DT, GRAVITY, Friction, rollout, slide_step
+from runtime.friction import DT, GRAVITY, Friction, rollout
 from runtime.governor import Motion, govern
-from runtime.limits import Limits
-
-STEP = 0.05
-"""Length of a step (m/s^2), root mean square over the samples, once the gradient is steady."""
-
-MOMENTUM = 0.9
-SECOND_MOMENT = 0.99
-"""Adam's memories of the gradient and of its square; the latter shorter than usual, for a few hundred steps."""
+from runtime.limits import PanState, find_brake, stop_reach
 
 SOFT_REACH = 0.97
 """Share of the reach from which the penalty begins."""
 
-REACH_WEIGHT = 10.0
-"""Of the squared excess beyond it, against the squared tracking error."""
+RAMPS = 1.5
+"""Times that the acceleration takes from zero to its limit, by which a stop takes longer than at the limit alone."""
 
-TINY = 1e-30
-"""Added to the second moment (m^2 s^4): a plan that cannot be better has no gradient to divide by."""
+DAMPING = 1e-6
+"""Damping of the first step (m^2 per (m/s^2)^2)."""
 
-Column = Any
-"""A sequence of floats that can be written to: a list, or an array where the functions are compiled."""
+EASE, STIFFEN = 0.4, 6.0
+"""What the damping is multiplied by after a whole step that paid, and after one of which no share did."""
 
-Point = tuple[float, float, float, float, float, float, float, float]
-"""Pan x, y, vx, vy and object x, y, vx, vy (m, m/s)."""
+LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e-4
+
+SHARES = (1.0, 0.4, 0.16)
+"""Of a step, tried one after the other until one pays."""
+
+KICKS = 12
+"""Kicks that are tried in a row before a step is."""
+
+KICK_BLOCKS = (2, 13)
+"""Blocks that a kick lasts, at least and at most."""
+
+KICK_SIZE = (1.0, 12.0)
+"""Range of a kick's size (m/s^2), even on a logarithmic scale."""
 
 
 class Kernels(NamedTuple):
-    """The two loops over the samples, and how a column is made for them."""
+    """`runtime.descent`'s two loops over the samples, and how a column is made for them."""
 
-    track: Callable[..., tuple[float, float]]
-    descend: Callable[..., float]
+    move: Callable[..., tuple[float, float, float]]
+    sweep: Callable[..., None]
     column: Callable[[FloatArray], Column]
+
+
+PLAIN = Kernels(move, sweep, lambda values: values.ravel().tolist())
+"""For where numba is not installed."""
 
 
 @cache
 def kernels() -> Kernels:
-    """Return the loops, compiled if numba is installed: some forty times faster, after seconds to compile them."""
-    try:
-        import numba
-    except ImportError:
-        make = _make(lambda function: function)
-        return Kernels(*make, lambda values: values.tolist())
-    found = Kernels(*_make(numba.njit(nogil=True)), lambda values: np.ascontiguousarray(values, dtype=np.float64))
-    columns = [np.zeros(1) for _ in range(14)]
-    found.track(*columns[:4], (0.0,) * 8, 1.0, 1.0, 1.0, *columns[4:10])  # compiles, so that no plan waits for it
-    found.descend(*columns[:4], 1.0, 1.0, 1.0, *columns[4:], 0.0, 1, (0.0, 0.0), 1.0, 1.0)
+    """Return the loops, compiled if numba is installed: some hundred times faster, after seconds to compile them."""
+    compile_one = compiler()
+    if compile_one is None:
+        return PLAIN
+    functions = compile_together(FUNCTIONS, compile_one)
+    found = Kernels(functions["move"], functions["sweep"], lambda values: np.array(values, dtype=np.float64).ravel())
+    nothing = np.zeros((1, 2))
+    descent = Descent(found, nothing, nothing, np.zeros(STATE), (1.0, 1.0, 1.0, 0.0), (1.0, 1.0, 0.0, 0.0))
+    descent.go_on()  # compiles, so that no plan waits for it
     return found
-
-
-def _make(compiler: Callable[[Any], Any]) -> tuple[Any, Any]:
-    """Compile law, adjoint and the two loops with `compiler`."""
-    step, step_adjoint = compiler(slide_step), compiler(slide_step_adjoint)
-
-    @compiler
-    def track(  # type: ignore[no-untyped-def]
-        ux, uy, cx, cy, point, static_limit, kinetic_limit, reach, px, py, vx, vy, wx, wy
-    ):
-        """Move pan and object along u; fill pan positions p, object velocities v and positions w before each sample.
-
-        Returns the mean squared distance to the command c (m^2), and the same with the penalty on the reach.
-        """
-        half = 0.5 * DT * DT
-        x, y, pvx, pvy, ox, oy, ovx, ovy = point
-        squared = 0.0
-        penalty = 0.0
-        for k in range(len(ux)):
-            px[k], py[k], vx[k], vy[k], wx[k], wy[k] = x, y, ovx, ovy, ox, oy
-            squared += (ox - cx[k]) ** 2 + (oy - cy[k]) ** 2
-            excess = math.sqrt(x * x + y * y) - reach
-            if excess > 0.0:
-                penalty += REACH_WEIGHT * excess * excess
-            ox, oy, ovx, ovy = step(ox, oy, ovx, ovy, ux[k], uy[k], static_limit, kinetic_limit, DT)
-            x += pvx * DT + ux[k] * half
-            y += pvy * DT + uy[k] * half
-            pvx += ux[k] * DT
-            pvy += uy[k] * DT
-        return squared / len(ux), (squared + penalty) / len(ux)
-
-    @compiler
-    def descend(  # type: ignore[no-untyped-def]
-        ux, uy, cx, cy, static_limit, kinetic_limit, reach, px, py, vx, vy, wx, wy, mx, my, gx, gy,
-        second, count, start, bound, change,
-    ):  # fmt: skip
-        """Take one step down: fill the gradient g, carry the momentum m, change u within `bound` and `change`.
-
-        Returns the second moment; `count` is the number of this step, from 1.
-        """
-        half = 0.5 * DT * DT
-        samples = len(ux)
-        gpx = gpy = gvx = gvy = gox = goy = gwx = gwy = 0.0
-        total = 0.0
-        for k in range(samples - 1, -1, -1):
-            # The gradient with respect to the state after sample k becomes that with respect to the state before.
-            gwx, gwy, sx, sy = step_adjoint(
-                vx[k], vy[k], ux[k], uy[k], static_limit, kinetic_limit, DT, gox, goy, gwx, gwy
-            )
-            gx[k] = sx + gvx * DT + gpx * half
-            gy[k] = sy + gvy * DT + gpy * half
-            total += gx[k] * gx[k] + gy[k] * gy[k]
-            gvx += gpx * DT
-            gvy += gpy * DT
-            gox += 2.0 * (wx[k] - cx[k]) / samples
-            goy += 2.0 * (wy[k] - cy[k]) / samples
-            distance = math.sqrt(px[k] * px[k] + py[k] * py[k])
-            if distance > reach:
-                pull = 2.0 * REACH_WEIGHT * (distance - reach) / distance / samples
-                gpx += pull * px[k]
-                gpy += pull * py[k]
-        second = SECOND_MOMENT * second + (1.0 - SECOND_MOMENT) * total / samples
-        rate = STEP / math.sqrt(second / (1.0 - SECOND_MOMENT**count) + TINY) / (1.0 - MOMENTUM**count)
-        lastx, lasty = start
-        for k in range(samples):
-            mx[k] = MOMENTUM * mx[k] + (1.0 - MOMENTUM) * gx[k]
-            my[k] = MOMENTUM * my[k] + (1.0 - MOMENTUM) * gy[k]
-            x = ux[k] - rate * mx[k]
-            y = uy[k] - rate * my[k]
-            size = math.sqrt(x * x + y * y)
-            if size > bound:
-                x *= bound / size
-                y *= bound / size
-            dx = x - lastx
-            dy = y - lasty
-            size = math.sqrt(dx * dx + dy * dy)
-            if size > change:
-                dx *= change / size
-                dy *= change / size
-            lastx += dx
-            lasty += dy
-            ux[k] = lastx
-            uy[k] = lasty
-        return second
-
-    return track, descend
 
 
 class Effort(NamedTuple):
@@ -178,6 +102,104 @@ class Refined(NamedTuple):
     sliding: FloatArray
 
 
+class Descent:
+    """Accelerations on their way down.
+
+    Args:
+        loops: the kernels.
+        u: (n, 2) accelerations to begin with (m/s^2).
+        command: (n, 2) where the object should be before each sample (m).
+        start: (8,) pan and object at the start.
+        law, within: as `runtime.descent.move` takes them.
+
+    Attributes:
+        squared: sum of the squared distances to the command (m^2).
+        farthest: largest distance of the pan from the centre (m).
+    """
+
+    def __init__(
+        self,
+        loops: Kernels,
+        u: FloatArray,
+        command: FloatArray,
+        start: FloatArray,
+        law: tuple[float, ...],
+        within: tuple[float, ...],
+    ) -> None:
+        column = loops.column
+        self._loops, self._start, self._law, self._within = loops, start, law, within
+        self._command, self._u, self._other = column(command), column(u), column(u)
+        self._states, self._other_states = (column(np.zeros((len(u), STATE))) for _ in range(2))
+        self._blocks = -(-len(u) // BLOCK)
+        self._gains = column(np.zeros((self._blocks, ROW)))
+        self._model = column(np.zeros((SIZE, SIZE))), column(np.zeros(SIZE))
+        self._damping, self._kicks = DAMPING, 0
+        self._random = np.random.default_rng(0)
+        self.squared = self._cost = self.farthest = math.inf
+        self._try(0.0)
+
+    def acceleration(self) -> FloatArray:
+        """Return (n, 2) (m/s^2)."""
+        return np.array(self._u).reshape(-1, 2)
+
+    def end(self) -> PanState:
+        """Return the pan after the last sample."""
+        return PanState(*(float(value) for value in self._end[:4]), *(float(value) for value in self._u[-2:]))
+
+    def go_on(self) -> bool:
+        """Take a step, or try a kick where none paid; returns whether the cost is less than before."""
+        if self._kicks:
+            self._kick()
+            better = self._try(1.0)
+            self._kicks = 0 if better else self._kicks - 1
+            return better
+        self._sweep(self._damping)
+        for share in SHARES:
+            if self._try(share):
+                if share == 1.0:
+                    self._damping = max(self._damping * EASE, LEAST_DAMPING)
+                return True
+        self._damping = min(self._damping * STIFFEN, MOST_DAMPING)
+        self._kicks = KICKS
+        self._sweep(DAMPING)  # for its answers
+        return False
+
+    def _sweep(self, damping: float) -> None:
+        self._loops.sweep(
+            self._u, self._command, self._end, self._law, self._within[0], self._states, damping, self._gains,
+            *self._model,
+        )  # fmt: skip
+
+    def _kick(self) -> None:
+        """Let the blocks do nothing by themselves but for a few, there and back; their answers stay."""
+        gains, draw = self._gains, self._random
+        for row in range(0, ROW * self._blocks, ROW):
+            gains[row] = gains[row + 1] = 0.0
+        count = int(draw.integers(KICK_BLOCKS[0], KICK_BLOCKS[1], endpoint=True))
+        first = int(draw.integers(1 - count, self._blocks))
+        size = math.exp(draw.uniform(math.log(KICK_SIZE[0]), math.log(KICK_SIZE[1])))
+        angle = draw.uniform(0.0, 2.0 * math.pi)
+        for block in range(max(first, 0), min(first + count, self._blocks)):
+            phase = math.pi * (block - first + 0.5) / count
+            amount = size * math.sin(phase) * math.sin(2.0 * phase)
+            gains[ROW * block] = amount * math.cos(angle)
+            gains[ROW * block + 1] = amount * math.sin(angle)
+
+    def _try(self, share: float) -> bool:
+        """Move along a share of the gains, and stay there if that is better."""
+        end = self._loops.column(self._start)
+        squared, cost, farthest = self._loops.move(
+            self._u, self._command, end, self._law, self._within, self._gains, self._states, share,
+            self._other_states, self._other,
+        )  # fmt: skip
+        if not cost < self._cost:
+            return False
+        self.squared, self._cost, self.farthest, self._end = squared, cost, farthest, end
+        self._u, self._other = self._other, self._u
+        self._states, self._other_states = self._other_states, self._states
+        return True
+
+
 def refine(
     u: FloatArray,
     motion: Motion,
@@ -195,14 +217,16 @@ def refine(
         sliding: (4,) object position (m) and velocity (m/s) at the start.
         command: (n, 2) where the object should be before each sample (m).
         friction: what to plan for.
-        chunk: samples that the governor looks at together.
+        chunk: samples that the governor looks at together, should it have to change anything.
         effort: how long to try.
 
     Returns:
         The best motion found, None if it tracks no better than `u`.
     """
     found = _descend(u, motion, sliding, command, friction, effort)
-    kept = _governed(found, motion, sliding, friction, chunk)
+    kept = _governed(found, motion, sliding, friction, len(found))  # a stop from its end alone was seen to
+    if not np.array_equal(kept.acceleration, found):
+        kept = _governed(found, motion, sliding, friction, chunk)
     better = _error(kept.acceleration, sliding, command, friction) < _error(u, sliding, command, friction)
     return kept if better else None
 
@@ -216,28 +240,26 @@ def _descend(
     effort: Effort,
 ) -> FloatArray:
     """Return the best accelerations found until the time is up or the steps are taken."""
-    track, descend, column = kernels()
+    loops = kernels()
     until = time.perf_counter() + effort.seconds
-    limits: Limits = motion.limits
-    law = friction.static * GRAVITY, friction.kinetic * GRAVITY, SOFT_REACH * limits.pan_reach
-    cx, cy, ux, uy = (column(values) for values in (*command.T, *u.T))
-    states = [column(np.zeros(len(u))) for _ in range(6)]
-    moments = [column(np.zeros(len(u))) for _ in range(4)]
-    point: Point = (*motion.state[:4], *sliding.tolist())
-    best, least, second, count = u, math.inf, 0.0, 0
-    while True:
-        _, cost = track(ux, uy, cx, cy, point, *law, *states)
-        if cost < least:
-            least, best = cost, np.array([ux, uy]).T
-        if time.perf_counter() >= until if effort.iterations is None else count >= effort.iterations:
-            return best
+    limits = motion.limits
+    ramps = RAMPS * limits.acceleration / limits.jerk
+    law = friction.static * GRAVITY, friction.kinetic * GRAVITY, SOFT_REACH * limits.pan_reach, ramps
+    within = limits.acceleration, limits.jerk * DT, *motion.state[4:]
+    start = np.array([*motion.state[:4], *sliding.tolist()])
+    descent = Descent(loops, u, command, start, law, within)
+    best, least, count = u, descent.squared, 0
+    while time.perf_counter() < until if effort.iterations is None else count < effort.iterations:
         count += 1
-        within = limits.acceleration, limits.jerk * DT
-        second = descend(ux, uy, cx, cy, *law, *states, *moments, second, count, motion.state[4:], *within)
+        if descent.go_on() and descent.squared < least and descent.farthest <= limits.pan_reach:
+            end = descent.end()
+            if stop_reach(end, find_brake(end, limits)) <= limits.pan_reach:
+                best, least = descent.acceleration(), descent.squared
+    return best
 
 
 def _governed(u: FloatArray, motion: Motion, sliding: FloatArray, friction: Friction, chunk: int) -> Refined:
-    """Let the governor go over accelerations, chunk by chunk."""
+    """Let the governor go over accelerations, `chunk` samples at a time."""
     pans, accelerations = [np.array([motion.state[:4]])], []
     for first in range(0, len(u), chunk):
         governed = govern([motion], u[None, first : first + chunk])

@@ -10,13 +10,16 @@ import numpy as np
 from runtime.documents import FloatArray, number
 from runtime.errors import InputError
 from runtime.friction import DT
+from runtime.start import FARTHEST
 
 Move = Callable[[FloatArray, FloatArray], FloatArray]
 """Moves a state (4,) along accelerations (n, 2): the states after each, (n, 4)."""
 
 
 def check_states(value: object, name: str, chunk: int) -> FloatArray | None:
-    """Return measured states as (C, 4) or (4,) float64, None if there are none or one is no finite number.
+    """Return measured states as (C, 4) or (4,) float64, None if there are none or one cannot be true.
+
+    What cannot be true is no finite number, or beyond FARTHEST: a sensor's error, which must not end a control loop.
 
     Raises:
         InputError: another shape, or no numbers.
@@ -30,7 +33,8 @@ def check_states(value: object, name: str, chunk: int) -> FloatArray | None:
         raise InputError(f"{expected}: {error}") from error
     if states.dtype.kind not in "fiu" or states.shape not in ((chunk, 4), (4,)):
         raise InputError(f"{expected}, got {states.dtype} of the shape {states.shape}")
-    return states.astype(np.float64) if np.isfinite(states).all() else None
+    found = states.astype(np.float64)
+    return found if (np.abs(found) <= FARTHEST).all() else None  # false for what is not a number, too
 
 
 def check_age(age: object) -> int | None:

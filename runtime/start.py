@@ -12,6 +12,9 @@ from runtime.errors import InputError
 
 ORIGIN = (0.0, 0.0)
 
+FARTHEST = 1e3
+"""Largest value of a state (m, m/s, m/s^2): nothing on a pan is beyond, it is a slip of the unit."""
+
 Pair = tuple[float, float]
 
 
@@ -27,7 +30,7 @@ class Start:
         object_velocity: relative to the pan (m/s); exactly zero is rest.
 
     Raises:
-        InputError: a value is not a pair of finite numbers.
+        InputError: a value is not a pair of finite numbers of at most FARTHEST.
     """
 
     pan_position: Pair = ORIGIN
@@ -55,4 +58,7 @@ def _pair(value: Any, name: str) -> Pair:
         value = value.tolist()
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise InputError(f"{name} must be a pair of numbers [x, y], got {value!r}")
-    return number(value[0], f"{name}[0]"), number(value[1], f"{name}[1]")
+    x, y = number(value[0], f"{name}[0]"), number(value[1], f"{name}[1]")
+    if max(abs(x), abs(y)) > FARTHEST:
+        raise InputError(f"{name} must be between {-FARTHEST:g} and {FARTHEST:g}, got [{x:g}, {y:g}]")
+    return x, y

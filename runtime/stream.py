@@ -121,8 +121,9 @@ class Stream:
         """Give the pan accelerations for the next C samples; the first is to act at once.
 
         They keep the limits and follow the last ones within the jerk limit, whatever is handed in. A state is missing
-        if it is None or not finite, if nothing of it changed since the last call although something moved, or if it
-        is more than a chunk old; then the policy of this module holds, and `status` says what happened.
+        if it is None, not finite or beyond all reason (1000 m, 1000 m/s), if nothing of it changed since the last call
+        although something moved, or if it is more than a chunk old; then the policy of this module holds, and
+        `status` says what happened.
 
         Args:
             pan_state: (C, 4) the last C measured pan positions (m), relative to the centre of the reach, and

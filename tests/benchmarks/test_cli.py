@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks import accuracy, cli, control, speed, training
+from benchmarks import accuracy, cli, control, endurance, large, refinement, speed, training
 from benchmarks.suite import FRICTION_GRID
 from benchmarks.targets import TARGETS, Target, judge
 from train.config import CONFIGURATIONS
@@ -35,10 +35,20 @@ FIGURES = {
 @pytest.fixture(autouse=True)
 def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time little, and train a small network: here only the form of the results counts."""
-    for name in ("SINGLE_ROUNDS", "BATCH_ROUNDS", "LAW_ROUNDS", "PROCESS_ROUNDS"):
+    for name in ("SINGLE_ROUNDS", "BATCH_ROUNDS", "LAW_ROUNDS", "PROCESS_ROUNDS", "LARGE_ROUNDS"):
         monkeypatch.setattr(speed, name, 1)
     for name, count in (("STEPS", 30), ("SHARE_ROUNDS", 2), ("START_ROUNDS", 1)):
         monkeypatch.setattr(control, name, count)
+    monkeypatch.setattr(large, "UNITS", 16)
+    monkeypatch.setattr(refinement, "COMMANDS", 1)
+    for name, value in (
+        ("SECONDS", 3.6),
+        ("COMMANDS", 1),
+        ("SHORT", 1),
+        ("SEEDS", 1),
+        ("WINDOWS", ((None, 3), (5, 2))),
+    ):
+        monkeypatch.setattr(endurance, name, value)
     measure = training.measure
     smoke = CONFIGURATIONS["smoke"]
     monkeypatch.setattr(training, "measure", lambda: measure(smoke, rounds=1, projected={"smoke": smoke}))
@@ -88,8 +98,8 @@ def test_speed_and_training_as_json(
     bench(monkeypatch, "--model", tiny_bundle, "--only", "speed", "--only", "control", "--only", "training", "--json")
     results = json.loads(capsys.readouterr().out)
     assert "accuracy" not in results
-    assert set(results["speed"]) == {"single", "batch", "law", "slide_plan"}
-    for name, commands in (("single", 1), ("batch", 64)):
+    assert set(results["speed"]) == {"single", "compiled", "batch", "large", "law", "slide_plan"}
+    for name, commands in (("single", 1), ("compiled", 1), ("large", 1), ("batch", 64)):
         planning = results["speed"][name]
         assert planning["commands"] == commands
         assert planning["ratio_to_torch"] > 0.0
@@ -102,7 +112,28 @@ def test_speed_and_training_as_json(
     (projection,) = results["training"]["projections"]
     assert (projection["configuration"], projection["samples"], projection["steps"]) == ("smoke", 300, 20)
     assert projection["duration"] == pytest.approx(20 * projection["step"])
-    assert [target["figure"] for target in results["targets"]] == [t.figure for t in TARGETS[3:]]
+    sections = ("speed", "control", "training")
+    assert [target["figure"] for target in results["targets"]] == [
+        target.figure for target in TARGETS if target.figure.startswith(sections)
+    ]
+
+
+def test_refinement_and_long_commands_as_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
+) -> None:
+    monkeypatch.setattr(cli, "_optimizer", lambda: lambda positions, _: [0.0 * position for position in positions])
+    bench(monkeypatch, "--model", tiny_bundle, "--only", "refine", "--only", "long", "--json")
+    results = json.loads(capsys.readouterr().out)
+    refined = results["refine"]["families"]
+    assert set(refined) == {"spline", "shapes", "stops"}
+    assert all(each["after"] < each["before"] and each["optimizer"] > 0.0 for each in refined.values())
+    assert results["refine"]["worse"] == 0
+    assert 0.0 < results["refine"]["reduction"] < 1.0
+    windows = results["long"]["windows"]
+    assert [(each["chunks"], each["unread"]) for each in windows] == [(None, 3), (5, 2)]
+    assert windows[0]["families"] != windows[1]["families"]
+    assert 0.0 < results["long"]["memory_third"] < results["long"]["memory"]
+    assert results["long"]["recovery"]["ratio"] > 0.0
 
 
 @pytest.mark.usefixtures("one_family")
@@ -121,6 +152,7 @@ def test_the_exit_code_says_whether_the_figures_are_met(
 def test_tables_fit_into_80_columns(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
 ) -> None:
+    monkeypatch.setattr(cli, "_optimizer", lambda: lambda positions, _: [0.0 * position for position in positions])
     bench(monkeypatch, "--model", tiny_bundle)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80

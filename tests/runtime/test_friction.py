@@ -14,6 +14,7 @@ from runtime.friction import (
     DT,
     GRAVITY,
     Friction,
+    compile_law,
     integrate_pan,
     rollout,
     rollout_batch,
@@ -153,3 +154,18 @@ def test_pan_is_the_double_integrator_of_equation_3():
 def test_impossible_friction_is_refused_by_name_and_value(static, kinetic, words):
     with pytest.raises(InputError, match=words):
         Friction(static, kinetic)
+
+
+def test_compiled_law_moves_objects_as_the_plain_one_does_to_the_last_bit():
+    pytest.importorskip("numba")
+    rng = np.random.default_rng(5)
+    starts = np.concatenate([rng.uniform(-0.1, 0.1, (20, 2)), rng.normal(0, 0.3, (20, 2))], axis=1)
+    u = np.repeat(rng.normal(0, 10, (20, 60, 2)), 10, axis=1)
+    plain = [rollout(*one, Friction(1.0, 0.5)) for one in zip(starts, u, strict=True)]
+    assert not np.array(plain)[:, :, 2:].any(axis=2).all()  # some rest
+    try:
+        assert compile_law()
+        compiled = [rollout(*one, Friction(1.0, 0.5)) for one in zip(starts, u, strict=True)]
+    finally:
+        assert not compile_law(False)
+    np.testing.assert_array_equal(compiled, plain)

@@ -240,8 +240,28 @@ def test_a_gentle_stop_leaves_a_resting_object_at_rest_where_there_is_room(pan: 
         ((0.2, 30.0, float("nan")), r"limit jerk must be greater than 0 m/s\^3, got nan"),
         (("a", 30.0, 1e4), "limit pan_reach must be a number, got 'a'"),
         ((0.2, 30.0, math.inf), "contradict each other: all must be finite, or none: .* jerk inf"),
+        ((math.inf, 30.0, 1e4), "contradict each other: all must be finite, or none: pan_reach inf"),
+        ((-math.inf, 30.0, 1e4), "limit pan_reach must be greater than 0 m, got -inf m"),
+        ((True, 30.0, 1e4), "limit pan_reach must be a number, got True"),
+        ((0.2, np.bool_(True), 1e4), "limit acceleration must be a number, got "),
+        ((0.2, 30.0, 1 + 0j), "limit jerk must be a number, got "),
+        ((None, 30.0, 1e4), "limit pan_reach must be a number, got None"),
+        ((1e-200, 30.0, 1e4), "limit pan_reach must be between 1e-06 and 1e.09 m, got 1e-200 m"),
+        ((0.2, 1e200, 1e4), "limit acceleration must be between"),
+        ((0.2, 30.0, 1e-310), "limit jerk must be between"),
+        (
+            (0.2, 30.0, 0.1),
+            r"contradict each other: at a jerk of 0.1 m/s\^3 the acceleration takes 300 s to come to 30",
+        ),
     ],
 )
 def test_bad_limits_are_refused_with_the_numbers(values: tuple[float, float, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Limits(*values)
+
+
+@pytest.mark.parametrize("limits", [Limits(1e-6, 1e-6, 1e-6), Limits(1e-6, 1e9, 1e9), Limits(1e9, 10.0, 1.0)])
+def test_limits_at_the_ends_of_their_ranges_can_be_kept(limits: Limits) -> None:
+    pan = Pan(PanState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), limits)
+    u, states, _ = drive(pan, list(KINDS), 1)
+    check_limits(pan, u, states)

@@ -22,8 +22,8 @@ RUNTIME_THIRD_PARTY = {"numpy", "onnxruntime"}
 MORE_IN = {
     "runtime/cli.py": {"typer", "rich"},
     "runtime/arm": {"pybullet", "imageio_ffmpeg"},
-    "runtime/refine.py": {"numba"},
     "runtime/remote.py": {"websockets"},
+    "runtime/compiled.py": {"numba"},
 }
 """What single modules or folders of runtime may import besides."""
 

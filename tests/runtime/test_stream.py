@@ -107,7 +107,7 @@ def test_stream_reacts_to_what_is_measured(planner: Planner, make_curve: Curve) 
     assert not np.array_equal(first, other.step(pan, sliding + np.array([0.01, 0.0, 0.0, 0.0])))
 
 
-@pytest.mark.parametrize("missing", ["none", "nan", "old", "future", "stale", "object only"])
+@pytest.mark.parametrize("missing", ["none", "nan", "absurd", "old", "future", "stale", "object only"])
 def test_what_is_missing_is_predicted_for_a_chunk_and_then_braked_until_reset(
     stream: Stream, plant: Plant, missing: str
 ) -> None:
@@ -116,6 +116,7 @@ def test_what_is_missing_is_predicted_for_a_chunk_and_then_braked_until_reset(
         states: dict[str, tuple[Any, ...]] = {
             "none": (None, None),
             "nan": (np.full((CHUNK, 4), np.nan), sliding),
+            "absurd": (pan * 0.0 + 1e308, sliding),
             "old": (pan, sliding, 0.2),
             "future": (pan, sliding, -0.1),
             "stale": last,
@@ -313,6 +314,7 @@ def test_stream_without_limits_is_refused(planner: Planner) -> None:
     [
         (Start(pan_position=(0.3, 0.0)), r"the pan is 0.3 m from its centre, its reach is 0.2 m"),
         (Start(pan_position=(0.19, 0.0), pan_velocity=(1.0, 0.0)), "0.19 m from its centre at 1 m/s, cannot be sure"),
+        (Start(pan_velocity=(0.0, 900.0)), r"too fast to stop .* at 900 m/s it needs 1.35e\+04 m within 30 m/s\^2"),
         (Start(pan_acceleration=(0.0, 31.0)), r"pan acceleration 31 m/s\^2 exceeds the limit, 30 m/s\^2"),
     ],
 )
@@ -327,6 +329,8 @@ def test_start_that_cannot_keep_the_limits_is_refused_with_the_numbers(
 def test_start_must_be_finite_pairs() -> None:
     with pytest.raises(InputError, match=r"start pan_velocity\[1\]: nan is not a finite number"):
         Start(pan_velocity=(0.0, float("nan")))
+    with pytest.raises(InputError, match=r"start object_velocity must be between -1000 and 1000, got \[1e\+200, 0\]"):
+        Start(object_velocity=(1e200, 0.0))
     with pytest.raises(InputError, match="start object_position must be a pair"):
         Start(object_position=(0.0, 0.0, 0.0))  # type: ignore[arg-type]
 

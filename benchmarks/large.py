@@ -1,0 +1,51 @@
+"""A network of the paper's size, for its speed alone: drawn weights, 8-bit, as `slide-export` would write it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from benchmarks.torch_eager import untrained_model
+from export.bundle import write_graph, write_manifest
+from export.onnx_export import OPSET, decoder_step_graph, encoder_graph
+from export.quantize import quantize_graph
+from runtime.bundle import DECODER_STEP, ENCODER, GraphFile, Manifest
+from runtime.friction import DT, Friction
+
+UNITS = 1024
+
+GAIN = 40.0
+"""By which the drawn output weights are multiplied, so that the object slides as under a trained network."""
+
+
+def write_large(folder: Path) -> Path:
+    """Write the bundle into an empty folder, and return it."""
+    nothing = GraphFile("none", "0" * 64)
+    manifest = Manifest(
+        name="large",
+        precision="int8",
+        opset=OPSET,
+        graphs={ENCODER: nothing, DECODER_STEP: nothing},
+        chunk=100,
+        dt=DT,
+        layers=2,
+        units=UNITS,
+        command_ahead=2,
+        acceleration_bound=30.0,
+        friction=Friction(),
+        pan_limit=0.2,
+        trained_on={
+            "static": (0.4, 1.5), "kinetic": (0.2, 0.8), "reach": (0.0, 0.15), "speed": (0.0, 0.7),
+            "samples": (300.0, 1500.0),
+        },
+        training={},
+        evaluation={},
+    )  # fmt: skip
+    model = untrained_model(manifest)
+    with torch.no_grad():
+        model.output.weight *= GAIN
+    graphs = {ENCODER: encoder_graph(model), DECODER_STEP: decoder_step_graph(model)}
+    files = {name: write_graph(folder, f"{name}.onnx", quantize_graph(graph)) for name, graph in graphs.items()}
+    write_manifest(folder, Manifest(**{**vars(manifest), "graphs": files}))
+    return folder

@@ -1,0 +1,40 @@
+"""Numba, where it is installed: plain functions over numbers and sequences of numbers, compiled.
+
+What is written once runs twice: as it stands, over lists of floats, and compiled, over arrays, some forty times faster.
+Numba takes half a second to import and seconds to compile, so nothing here happens before it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from types import FunctionType
+from typing import Any
+
+Compiler = Callable[[Any], Any]
+
+
+def compiler() -> Compiler | None:
+    """Return what compiles a function, None if numba is not installed."""
+    try:
+        import numba
+    except ImportError:
+        return None
+    compile_one: Compiler = numba.njit(nogil=True, error_model="numpy")
+    return compile_one
+
+
+def compile_together(functions: Sequence[Any], compile_one: Compiler) -> dict[str, Any]:
+    """Compile functions of which later ones may call earlier ones.
+
+    Args:
+        functions: plain ones of a module, with neither defaults nor closures.
+        compile_one: compiles one.
+
+    Returns:
+        The compiled functions by their names; they call each other, and their modules are left as they are.
+    """
+    compiled: dict[str, Any] = {}
+    for function in functions:
+        known = {**function.__globals__, **compiled}
+        compiled[function.__name__] = compile_one(FunctionType(function.__code__, known, function.__name__))
+    return compiled
