@@ -26,7 +26,7 @@ DEFAULT_FAMILIES = tuple(name for name in FAMILIES if name != "friction")
 
 @dataclass(frozen=True)
 class Row:
-    """One planner on one family; lengths in metres, `cpu` in seconds of processor time per plan, `speed` in samples per such second."""
+    """One planner on one family: lengths in metres, `cpu` in seconds of processor time a plan, `speed` in samples/s."""
 
     family: str
     planner: str
