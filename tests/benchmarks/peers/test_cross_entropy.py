@@ -11,7 +11,8 @@ import pytest
 
 from benchmarks.accuracy import measure
 from benchmarks.peers.__main__ import first
-from benchmarks.peers.cross_entropy import ACCELERATION, CrossEntropy
+from benchmarks.peers.cross_entropy import CrossEntropy
+from benchmarks.peers.objective import ACCELERATION
 from benchmarks.suite import suite
 from runtime import Friction
 
