@@ -50,12 +50,14 @@ class Ticket:
         chunks: chunks the command fills; equally many can be planned together.
         ready: what comes of it.
         entered: when it began to wait (s, of the monotonic clock).
+        started: whether the thread has taken it.
     """
 
     asked: Asked
     chunks: int
     ready: asyncio.Future[Planned]
     entered: float = field(default_factory=time.perf_counter)
+    started: bool = False
 
     def fits(self, other: Ticket) -> bool:
         """Whether both can be planned in one batch."""
@@ -156,9 +158,9 @@ class Dispatcher:
             batch: list[Ticket] = []
             for ticket in waiting:
                 if not batch or (ticket.fits(batch[0]) and len(batch) < self._settings.max_batch):
+                    ticket.started = True
                     batch.append(ticket)
-            taken = set(map(id, batch))
-            self._waiting = deque(ticket for ticket in waiting if id(ticket) not in taken)
+            self._waiting = deque(ticket for ticket in waiting if not ticket.started)
             self._metrics.queue_depth.set(len(self._waiting))
         if not batch and not self._stopping:  # all were cancelled while they waited
             return self._take(1)

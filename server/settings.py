@@ -35,6 +35,7 @@ class Settings(BaseSettings):
     max_batch: int = Field(64, ge=1, le=256, description="Most commands planned together.")
     max_refine_ms: float = Field(200.0, ge=0.0, le=10_000.0, description="Longest refinement of a plan (ms).")
     batch_window_ms: float = Field(2.0, ge=0.0, le=100.0, description="Longest wait for company under load (ms).")
+    max_wait: float = Field(0.7, gt=0.0, le=600.0, description="Longest wait of a command for its turn (s).")
     deadline: float = Field(5.0, gt=0.0, le=600.0, description="Longest time until a plan is ready (s).")
     body_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a request (s).")
     drain_timeout: float = Field(8.0, gt=0.0, le=600.0, description="Longest time to finish when stopped (s).")
