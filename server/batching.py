@@ -14,11 +14,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from runtime import InputError, Plan, Planner
-from runtime.bundle import Bundle, DecoderState, Float32Array
+from runtime.bundle import Bundle, DecoderState, Float32Array, Manifest
 from runtime.decoding import chunk_count
 from server.metrics import Metrics
 from server.problems import Problem
@@ -104,6 +106,11 @@ class Dispatcher:
         self._thread.start()
 
     @property
+    def manifest(self) -> Manifest:
+        """What is planned with; also there when no new work is taken."""
+        return self._bundle.manifest
+
+    @property
     def full(self) -> bool:
         """Whether no command more is taken."""
         return len(self._waiting) >= self._settings.max_queue
@@ -120,14 +127,15 @@ class Dispatcher:
         Raises:
             Problem: `overloaded`: there is no room for all of them.
         """
-        manifest = self._bundle.manifest
-        tickets = [Ticket(one, chunk_count(one.command, manifest), self._loop.create_future()) for one in many]
+        tickets = [Ticket(one, chunk_count(one.command, self.manifest), self._loop.create_future()) for one in many]
         with self._changed:
             if len(self._waiting) + len(tickets) > self._settings.max_queue:
                 raise overloaded()
             self._waiting.extend(tickets)
             self._metrics.queue_depth.set(len(self._waiting))
             self._changed.notify()
+        for ticket in tickets:
+            ticket.ready.add_done_callback(partial(self._leave, ticket))
         return tickets
 
     def stop(self) -> None:
@@ -136,6 +144,13 @@ class Dispatcher:
             self._stopping = True
             self._changed.notify()
         self._thread.join(timeout=1.0)
+
+    def _leave(self, ticket: Ticket, _: asyncio.Future[Planned]) -> None:
+        """Give up the place of a ticket that was cancelled before its turn."""
+        with self._changed, suppress(ValueError):
+            if not ticket.started:
+                self._waiting.remove(ticket)
+                self._metrics.queue_depth.set(len(self._waiting))
 
     def _work(self) -> None:
         last = 1

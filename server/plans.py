@@ -51,7 +51,7 @@ async def plan(request: Request) -> Response:
     with service.admitted() as dispatcher:
         wanted = read(PlanRequest, await read_body(request, service.settings))
         (command,) = commands({"command": wanted.command}, service.settings.max_samples)
-        one = asked(wanted, command, service.planner.bundle.manifest, service.settings)
+        one = asked(wanted, command, dispatcher.manifest, service.settings)
         (ticket,) = dispatcher.submit([one])
         planned = await settled(request, ticket, service.settings)
         body = planned.plan.to_npz() if media_type == NPZ else encode(planned.plan)
@@ -79,9 +79,8 @@ async def plans(request: Request) -> Response:
         if len(wanted.commands) > service.settings.max_commands:
             raise Problem("invalid", f"at most {service.settings.max_commands} commands are taken", "commands")
         places = {f"commands[{index}]": command for index, command in enumerate(wanted.commands)}
-        manifest = service.planner.bundle.manifest
         found = commands(places, service.settings.max_samples)
-        many: list[Asked] = [asked(wanted, command, manifest, service.settings) for command in found]
+        many: list[Asked] = [asked(wanted, command, dispatcher.manifest, service.settings) for command in found]
         tickets = dispatcher.submit(many)
     return StreamingResponse(_lines(service, tickets), media_type=NDJSON)
 
