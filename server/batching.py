@@ -13,7 +13,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -31,9 +31,9 @@ log = logging.getLogger("slide-serve")
 
 
 class Planned(NamedTuple):
-    """A plan and the time it took (s): waiting, in the encoder, and in all the rest of the planning."""
+    """A plan as it is sent, and the time it took (s): waiting, in the encoder, and in all the rest of the planning."""
 
-    plan: Plan
+    body: bytes
     queue: float
     encode: float
     decode: float
@@ -50,6 +50,7 @@ class Ticket:
     Attributes:
         asked: what is to be planned.
         chunks: chunks the command fills; equally many can be planned together.
+        write: what makes the plan into what is sent; called in the planning thread.
         ready: what comes of it.
         entered: when it began to wait (s, of the monotonic clock).
         started: whether the thread has taken it.
@@ -57,6 +58,7 @@ class Ticket:
 
     asked: Asked
     chunks: int
+    write: Callable[[Plan], bytes]
     ready: asyncio.Future[Planned]
     entered: float = field(default_factory=time.perf_counter)
     started: bool = False
@@ -121,13 +123,15 @@ class Dispatcher:
         since = self._busy_since
         return 0.0 if since is None else time.perf_counter() - since
 
-    def submit(self, many: Sequence[Asked]) -> list[Ticket]:
-        """Let commands wait to be planned; a ticket whose future is cancelled is passed over.
+    def submit(self, many: Sequence[Asked], write: Callable[[Plan], bytes]) -> list[Ticket]:
+        """Let commands wait to be planned, and the plans to be written; a ticket that is cancelled is passed over.
 
         Raises:
             Problem: `overloaded`: there is no room for all of them.
         """
-        tickets = [Ticket(one, chunk_count(one.command, self.manifest), self._loop.create_future()) for one in many]
+        tickets = [
+            Ticket(one, chunk_count(one.command, self.manifest), write, self._loop.create_future()) for one in many
+        ]
         with self._changed:
             if len(self._waiting) + len(tickets) > self._settings.max_queue:
                 raise overloaded()
@@ -191,18 +195,16 @@ class Dispatcher:
                 for ticket in batch:
                     self._plan([ticket])
             else:
-                self._hand_back([(batch[0], _problem(error))])
+                self._hand_back(batch[0], _problem(error))
             return
         encode = self._bundle.spent[0]
         decode = time.perf_counter() - begin - encode
         self._metrics.batch(plans, encode, decode)
-        planned = [
-            (ticket, Planned(plan, begin - ticket.entered, encode, decode))
-            for ticket, plan in zip(batch, plans, strict=True)
-        ]
-        for _, its in planned:
-            self._metrics.queue_time.observe(its.queue)
-        self._hand_back(planned)
+        for ticket, plan in zip(batch, plans, strict=True):
+            queue = begin - ticket.entered
+            self._metrics.queue_time.observe(queue)
+            if not ticket.ready.done():
+                self._hand_back(ticket, Planned(ticket.write(plan), queue, encode, decode))
 
     def _plans(self, many: list[Asked]) -> list[Plan]:
         if len(many) == 1:
@@ -214,15 +216,14 @@ class Dispatcher:
         commands, frictions, limits_of, starts, _, tolerances = zip(*many, strict=True)
         return self._planner.plan_batch(commands, frictions, limits=limits_of, start=starts, tolerance=tolerances[0])
 
-    def _hand_back(self, results: Sequence[tuple[Ticket, Planned | Problem]]) -> None:
+    def _hand_back(self, ticket: Ticket, result: Planned | Problem) -> None:
         def settle() -> None:
-            for ticket, result in results:
-                if ticket.ready.done():  # given up: its deadline passed, or its client left
-                    continue
-                if isinstance(result, Problem):
-                    ticket.ready.set_exception(result)
-                else:
-                    ticket.ready.set_result(result)
+            if ticket.ready.done():  # given up: its deadline passed, or its client left
+                return
+            if isinstance(result, Problem):
+                ticket.ready.set_exception(result)
+            else:
+                ticket.ready.set_result(result)
 
         self._loop.call_soon_threadsafe(settle)
 

@@ -52,10 +52,9 @@ async def plan(request: Request) -> Response:
         wanted = read(PlanRequest, await read_body(request, service.settings))
         (command,) = commands({"command": wanted.command}, service.settings.max_samples)
         one = asked(wanted, command, dispatcher.manifest, service.settings)
-        (ticket,) = dispatcher.submit([one])
+        (ticket,) = dispatcher.submit([one], Plan.to_npz if media_type == NPZ else encode)
         planned = await settled(request, ticket, service.settings)
-        body = planned.plan.to_npz() if media_type == NPZ else encode(planned.plan)
-    return Response(body, media_type=media_type, headers={"Server-Timing": planned.timing()})
+    return Response(planned.body, media_type=media_type, headers={"Server-Timing": planned.timing()})
 
 
 @router.post(
@@ -81,7 +80,7 @@ async def plans(request: Request) -> Response:
         places = {f"commands[{index}]": command for index, command in enumerate(wanted.commands)}
         found = commands(places, service.settings.max_samples)
         many: list[Asked] = [asked(wanted, command, dispatcher.manifest, service.settings) for command in found]
-        tickets = dispatcher.submit(many)
+        tickets = dispatcher.submit(many, encode)
     return StreamingResponse(_lines(service, tickets), media_type=NDJSON)
 
 
@@ -92,7 +91,7 @@ async def _lines(service: Service, tickets: list[Ticket]) -> AsyncIterator[bytes
             try:
                 async with asyncio.timeout(service.settings.deadline):
                     planned = await ticket.ready
-                yield encode(planned.plan) + b"\n"
+                yield planned.body + b"\n"
             except TimeoutError:
                 yield orjson.dumps(Problem("deadline").to_dict()) + b"\n"
             except Problem as problem:
