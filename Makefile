@@ -6,10 +6,10 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm serve test nightly check bench clean
+.PHONY: help run demo-arm serve test nightly check bench bench-server soak clean
 
 help: ## list the verbs
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 run: $(VENV)/base.stamp ## plan a figure eight, run it, and write out/plan.json and out/report.html
 	@mkdir -p out
@@ -37,6 +37,13 @@ check: $(VENV)/dev.stamp ## lint, formatting and types
 
 bench: $(VENV)/dev.stamp ## accuracy on the suite, and speed beside torch
 	$(BIN)/slide-bench
+
+bench-server: $(VENV)/dev.stamp ## the server under load, with the figures asked for beside
+	$(BIN)/python -m benchmarks.server
+
+soak: $(VENV)/dev.stamp ## the same for half an hour, and 200 examples an operation of the OpenAPI document
+	SLIDE_EXAMPLES=200 $(BIN)/python -m pytest tests/server/test_openapi.py --timeout 7200
+	$(BIN)/python -m benchmarks.server --soak
 
 clean: ## remove the environment and what was built
 	rm -rf $(VENV) build out *.egg-info

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from starlette.staticfiles import StaticFiles
 
 from server import plans, stream
 from server.guard import Guard
+from server.openapi import describe, problems
 from server.problems import Problem, for_status
 from server.service import Service
 from server.settings import Settings
@@ -58,6 +60,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     _add_views(app, service)
     # Not a mount: one at "/" would take what other routes refuse, and a wrong method would be not found.
     app.router.default = StaticFiles(directory=STATIC, html=True)
+    app.openapi = partial(describe, app)  # type: ignore[method-assign]
     app.add_middleware(Guard, service=service)
     return app
 
@@ -68,14 +71,14 @@ def _add_views(app: FastAPI, service: Service) -> None:
         """Say that the server runs."""
         return {"status": "alive"}
 
-    @app.get("/health/ready")
+    @app.get("/health/ready", responses=problems(503))
     async def ready() -> dict[str, str]:
         """Say whether the server takes work: the bundle's hashes and a golden plan have passed, and nothing hangs."""
         if service.dispatcher.busy > service.settings.deadline:
             raise Problem("not-ready", "a plan takes longer than the deadline", headers={"Retry-After": "1"})
         return {"status": "ready"}
 
-    @app.get("/info")
+    @app.get("/info", response_class=Response, responses=problems(401, 503))
     async def info() -> Response:
         """Say what the server plans with and what it was told."""
         bundle = service.planner.bundle
@@ -85,18 +88,18 @@ def _add_views(app: FastAPI, service: Service) -> None:
         document = {"version": app.version, "model": model, "settings": service.settings.shown()}
         return Response(orjson.dumps(document), media_type="application/json")
 
-    @app.get("/metrics")
+    @app.get("/metrics", response_class=Response, responses=problems(401))
     async def metrics() -> Response:
         """Give what is counted, in Prometheus form."""
         return Response(service.metrics.text(), media_type=CONTENT_TYPE_LATEST)
 
 
-def _problem(request: Request, error: Exception) -> Response:
+async def _problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, Problem)
     return error.response()
 
 
-def _http_exception(request: Request, error: Exception) -> Response:
+async def _http_exception(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     headers = dict(error.headers or {})
     if error.status_code == 405:  # of the page's files, which say nothing
