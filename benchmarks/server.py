@@ -48,10 +48,10 @@ MIB = 1 << 20
 TARGETS = (
     Target("lone.p50", "POST /plan, lone client, median", "ms", "<=", 15e-3, "{:.1f}", 1e3),
     Target("lone.p99", "POST /plan, lone client, 99 %", "ms", "<=", 40e-3, "{:.1f}", 1e3),
-    Target("lone.own", "the server's own cost beyond planning and JSON, median", "ms", "<=", 1e-3, "{:.2f}", 1e3),
-    Target("clients.ratio", "plans a second of 64 clients over a lone one", "x", ">=", 3.0, "{:.2f}"),
-    Target("nonce.wrong", "replies that belong to another request, of 10,000", "", "<=", 0, "{:.0f}"),
-    Target("flood.other", "3 x peak: answers that are neither 200 nor 503 with Retry-After", "", "<=", 0, "{:.0f}"),
+    Target("lone.own", "own cost beyond planning and JSON", "ms", "<=", 1e-3, "{:.2f}", 1e3),
+    Target("clients.ratio", "plans a second, 64 clients over one", "x", ">=", 3.0, "{:.2f}"),
+    Target("nonce.wrong", "replies to another request, of 10,000", "", "<=", 0, "{:.0f}"),
+    Target("flood.other", "3 x peak: neither 200 nor 503 with Retry-After", "", "<=", 0, "{:.0f}"),
     Target("flood.unanswered", "3 x peak: requests without an answer", "", "<=", 0, "{:.0f}"),
     Target("flood.longest", "3 x peak: longest answer", "s", "<=", 1.0, "{:.2f}"),
     Target("flood.ready_p99", "3 x peak: health/ready, 99 %", "ms", "<=", 50e-3, "{:.1f}", 1e3),
@@ -136,18 +136,18 @@ def json_time(request: bytes) -> float:
 
 
 async def measure_clients(port: int, requests: list[bytes], lone_rate: float) -> dict[str, float]:
-    """Count the plans a second of many clients at once."""
-    wrong = 0
+    """Count the plans a second of many clients at once; what is refused is no plan."""
+    planned = 0
 
     def check(_: int, answer: Answer) -> None:
-        nonlocal wrong
-        wrong += answer.status != 200
+        nonlocal planned
+        planned += answer.status == 200
 
-    await in_turn(port, CLIENTS, requests * 2, check)
+    await in_turn(port, CLIENTS, requests * 2, lambda *_: None)
     asked = requests * 16
-    rate = len(asked) / await in_turn(port, CLIENTS, asked, check)
-    assert not wrong, f"{wrong} requests of {CLIENTS} clients were not answered with a plan"
-    return {"rate": rate, "ratio": rate / lone_rate}
+    duration = await in_turn(port, CLIENTS, asked, check)
+    rate = planned / duration
+    return {"rate": rate, "ratio": rate / lone_rate, "refused": len(asked) - planned}
 
 
 async def measure_nonce(port: int) -> dict[str, float]:
@@ -264,9 +264,8 @@ def bench_server(
             value = results[name][key]
             met = target.met(value)
             missed += [] if met else [target.what]
-            rows.append(
-                (target.what, f"{target.text(value)} {target.unit}, asked {target.asked}{'' if met else ': MISSED'}")
-            )
+            verdict = f"{target.text(value)} {target.unit}".rstrip() + ("" if met else ", MISSED")
+            rows.append((f"{target.what} ({target.asked} asked)", verdict))
     if as_json:
         print_json({**results, "missed": missed})
     else:

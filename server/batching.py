@@ -13,12 +13,14 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from runtime import InputError, Plan, Planner
-from runtime.bundle import Bundle, DecoderState, Float32Array
+from runtime.bundle import Bundle, DecoderState, Float32Array, Manifest
 from runtime.decoding import chunk_count
 from server.metrics import Metrics
 from server.problems import Problem
@@ -29,9 +31,9 @@ log = logging.getLogger("slide-serve")
 
 
 class Planned(NamedTuple):
-    """A plan and the time it took (s): waiting, in the encoder, and in all the rest of the planning."""
+    """A plan as it is sent, and the time it took (s): waiting, in the encoder, and in all the rest of the planning."""
 
-    plan: Plan
+    body: bytes
     queue: float
     encode: float
     decode: float
@@ -48,14 +50,18 @@ class Ticket:
     Attributes:
         asked: what is to be planned.
         chunks: chunks the command fills; equally many can be planned together.
+        write: what makes the plan into what is sent; called in the planning thread.
         ready: what comes of it.
         entered: when it began to wait (s, of the monotonic clock).
+        started: whether the thread has taken it.
     """
 
     asked: Asked
     chunks: int
+    write: Callable[[Plan], bytes]
     ready: asyncio.Future[Planned]
     entered: float = field(default_factory=time.perf_counter)
+    started: bool = False
 
     def fits(self, other: Ticket) -> bool:
         """Whether both can be planned in one batch."""
@@ -102,6 +108,11 @@ class Dispatcher:
         self._thread.start()
 
     @property
+    def manifest(self) -> Manifest:
+        """What is planned with; also there when no new work is taken."""
+        return self._bundle.manifest
+
+    @property
     def full(self) -> bool:
         """Whether no command more is taken."""
         return len(self._waiting) >= self._settings.max_queue
@@ -112,20 +123,23 @@ class Dispatcher:
         since = self._busy_since
         return 0.0 if since is None else time.perf_counter() - since
 
-    def submit(self, many: Sequence[Asked]) -> list[Ticket]:
-        """Let commands wait to be planned; a ticket whose future is cancelled is passed over.
+    def submit(self, many: Sequence[Asked], write: Callable[[Plan], bytes]) -> list[Ticket]:
+        """Let commands wait to be planned, and the plans to be written; a ticket that is cancelled is passed over.
 
         Raises:
             Problem: `overloaded`: there is no room for all of them.
         """
-        manifest = self._bundle.manifest
-        tickets = [Ticket(one, chunk_count(one.command, manifest), self._loop.create_future()) for one in many]
+        tickets = [
+            Ticket(one, chunk_count(one.command, self.manifest), write, self._loop.create_future()) for one in many
+        ]
         with self._changed:
             if len(self._waiting) + len(tickets) > self._settings.max_queue:
                 raise overloaded()
             self._waiting.extend(tickets)
             self._metrics.queue_depth.set(len(self._waiting))
             self._changed.notify()
+        for ticket in tickets:
+            ticket.ready.add_done_callback(partial(self._leave, ticket))
         return tickets
 
     def stop(self) -> None:
@@ -134,6 +148,13 @@ class Dispatcher:
             self._stopping = True
             self._changed.notify()
         self._thread.join(timeout=1.0)
+
+    def _leave(self, ticket: Ticket, _: asyncio.Future[Planned]) -> None:
+        """Give up the place of a ticket that was cancelled before its turn."""
+        with self._changed, suppress(ValueError):
+            if not ticket.started:
+                self._waiting.remove(ticket)
+                self._metrics.queue_depth.set(len(self._waiting))
 
     def _work(self) -> None:
         last = 1
@@ -156,9 +177,9 @@ class Dispatcher:
             batch: list[Ticket] = []
             for ticket in waiting:
                 if not batch or (ticket.fits(batch[0]) and len(batch) < self._settings.max_batch):
+                    ticket.started = True
                     batch.append(ticket)
-            taken = set(map(id, batch))
-            self._waiting = deque(ticket for ticket in waiting if id(ticket) not in taken)
+            self._waiting = deque(ticket for ticket in waiting if not ticket.started)
             self._metrics.queue_depth.set(len(self._waiting))
         if not batch and not self._stopping:  # all were cancelled while they waited
             return self._take(1)
@@ -174,18 +195,16 @@ class Dispatcher:
                 for ticket in batch:
                     self._plan([ticket])
             else:
-                self._hand_back([(batch[0], _problem(error))])
+                self._hand_back(batch[0], _problem(error))
             return
         encode = self._bundle.spent[0]
         decode = time.perf_counter() - begin - encode
         self._metrics.batch(plans, encode, decode)
-        planned = [
-            (ticket, Planned(plan, begin - ticket.entered, encode, decode))
-            for ticket, plan in zip(batch, plans, strict=True)
-        ]
-        for _, its in planned:
-            self._metrics.queue_time.observe(its.queue)
-        self._hand_back(planned)
+        for ticket, plan in zip(batch, plans, strict=True):
+            queue = begin - ticket.entered
+            self._metrics.queue_time.observe(queue)
+            if not ticket.ready.done():
+                self._hand_back(ticket, Planned(ticket.write(plan), queue, encode, decode))
 
     def _plans(self, many: list[Asked]) -> list[Plan]:
         if len(many) == 1:
@@ -197,15 +216,14 @@ class Dispatcher:
         commands, frictions, limits_of, starts, _, tolerances = zip(*many, strict=True)
         return self._planner.plan_batch(commands, frictions, limits=limits_of, start=starts, tolerance=tolerances[0])
 
-    def _hand_back(self, results: Sequence[tuple[Ticket, Planned | Problem]]) -> None:
+    def _hand_back(self, ticket: Ticket, result: Planned | Problem) -> None:
         def settle() -> None:
-            for ticket, result in results:
-                if ticket.ready.done():  # given up: its deadline passed, or its client left
-                    continue
-                if isinstance(result, Problem):
-                    ticket.ready.set_exception(result)
-                else:
-                    ticket.ready.set_result(result)
+            if ticket.ready.done():  # given up: its deadline passed, or its client left
+                return
+            if isinstance(result, Problem):
+                ticket.ready.set_exception(result)
+            else:
+                ticket.ready.set_result(result)
 
         self._loop.call_soon_threadsafe(settle)
 

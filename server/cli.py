@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+import sys
 import time
 from pathlib import Path
 from types import FrameType
@@ -25,6 +26,10 @@ log = logging.getLogger("slide-serve")
 
 BACKLOG = 1024
 """Connections that the system lets wait until they are accepted."""
+
+SWITCH_INTERVAL = 1e-3
+"""How long the planning thread may keep the interpreter from the event loop (s), which lets go of it at every read and
+write: of Python's 5 ms each of them would wait as many."""
 
 
 def serve_main() -> None:
@@ -58,6 +63,7 @@ def slide_serve(
     except ValidationError as error:
         raise InputError(_said(error)) from None
     logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     listening = _listen(settings.host, settings.port)
     app = create_app(settings)
     server = Server(app, settings)

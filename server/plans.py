@@ -12,12 +12,13 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response, StreamingResponse
 
 from runtime import Plan
-from server.batching import Planned, Ticket
+from server.batching import Planned, Ticket, overloaded
 from server.body import read_body
 from server.openapi import REFERENCE, problems
 from server.problems import MEDIA_TYPE, Problem
 from server.schemas import Asked, PlanRequest, PlansRequest, asked, commands, read
 from server.service import Service
+from server.settings import Settings
 
 JSON, NPZ, NDJSON = "application/json", "application/x-npz", "application/x-ndjson"
 
@@ -50,11 +51,10 @@ async def plan(request: Request) -> Response:
     with service.admitted() as dispatcher:
         wanted = read(PlanRequest, await read_body(request, service.settings))
         (command,) = commands({"command": wanted.command}, service.settings.max_samples)
-        one = asked(wanted, command, service.planner.bundle.manifest, service.settings)
-        (ticket,) = dispatcher.submit([one])
-        planned = await settled(request, ticket, service.settings.deadline)
-        body = planned.plan.to_npz() if media_type == NPZ else encode(planned.plan)
-    return Response(body, media_type=media_type, headers={"Server-Timing": planned.timing()})
+        one = asked(wanted, command, dispatcher.manifest, service.settings)
+        (ticket,) = dispatcher.submit([one], Plan.to_npz if media_type == NPZ else encode)
+        planned = await settled(request, ticket, service.settings)
+    return Response(planned.body, media_type=media_type, headers={"Server-Timing": planned.timing()})
 
 
 @router.post(
@@ -78,10 +78,9 @@ async def plans(request: Request) -> Response:
         if len(wanted.commands) > service.settings.max_commands:
             raise Problem("invalid", f"at most {service.settings.max_commands} commands are taken", "commands")
         places = {f"commands[{index}]": command for index, command in enumerate(wanted.commands)}
-        manifest = service.planner.bundle.manifest
         found = commands(places, service.settings.max_samples)
-        many: list[Asked] = [asked(wanted, command, manifest, service.settings) for command in found]
-        tickets = dispatcher.submit(many)
+        many: list[Asked] = [asked(wanted, command, dispatcher.manifest, service.settings) for command in found]
+        tickets = dispatcher.submit(many, encode)
     return StreamingResponse(_lines(service, tickets), media_type=NDJSON)
 
 
@@ -92,7 +91,7 @@ async def _lines(service: Service, tickets: list[Ticket]) -> AsyncIterator[bytes
             try:
                 async with asyncio.timeout(service.settings.deadline):
                     planned = await ticket.ready
-                yield encode(planned.plan) + b"\n"
+                yield planned.body + b"\n"
             except TimeoutError:
                 yield orjson.dumps(Problem("deadline").to_dict()) + b"\n"
             except Problem as problem:
@@ -103,22 +102,27 @@ async def _lines(service: Service, tickets: list[Ticket]) -> AsyncIterator[bytes
             ticket.ready.cancel()
 
 
-async def settled(request: Request, ticket: Ticket, deadline: float) -> Planned:
-    """Wait until a command is planned, its deadline passes, or its client hangs up.
+async def settled(request: Request, ticket: Ticket, settings: Settings) -> Planned:
+    """Wait until a command is planned, has waited too long for its turn, its deadline passes, or its client hangs up.
 
     Raises:
-        Problem: `deadline`, or what became of the planning.
+        Problem: `overloaded`, `deadline`, or what became of the planning.
         ClientDisconnect: the client left.
     """
+    turn = min(settings.max_wait, settings.deadline)
     gone = asyncio.ensure_future(_gone(request))
     either: set[asyncio.Future[Any]] = {ticket.ready, gone}
     try:
-        await asyncio.wait(either, timeout=deadline, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(either, timeout=turn, return_when=asyncio.FIRST_COMPLETED)
+        if ticket.started:
+            await asyncio.wait(either, timeout=settings.deadline - turn, return_when=asyncio.FIRST_COMPLETED)
         if gone.done():
             raise ClientDisconnect
-        if not ticket.ready.done():
-            raise Problem("deadline", f"the plan was not ready within {deadline:g} s")
-        return ticket.ready.result()
+        if ticket.ready.done():
+            return ticket.ready.result()
+        if ticket.started:
+            raise Problem("deadline", f"the plan was not ready within {settings.deadline:g} s")
+        raise overloaded()
     finally:
         ticket.ready.cancel()
         gone.cancel()

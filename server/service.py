@@ -117,7 +117,7 @@ class Service:
             Problem: `overloaded`, `not-ready` or `stopping`.
         """
         dispatcher = self.dispatcher
-        if dispatcher.full or self.in_flight >= 2 * self.settings.max_queue:
+        if dispatcher.full or self.in_flight >= self.settings.max_queue + self.settings.max_batch:
             raise overloaded()
         self.in_flight += 1
         self.metrics.in_flight.inc()

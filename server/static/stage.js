@@ -111,7 +111,7 @@ export class Stage {
   #begin(half, aside) {
     const { context, width, height } = this;
     this.scale = Math.min(width, height) / 2 / half;
-    this.step = [0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((step) => step * this.scale > 40) ?? 10;
+    this.step = [0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((step) => step * this.scale > 52) ?? 10;
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     context.clearRect(0, 0, width, height);
     context.translate(width / 2 + aside * Math.max(0, width - height) / 2, height / 2);  // room for the handle

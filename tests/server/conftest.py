@@ -20,6 +20,11 @@ from server.service import Service
 from server.settings import Settings
 
 
+def ask(method: str, url: str, **content: Any) -> httpx.Response:
+    """Send a request; patient, since the machine may be busy, and without the certificates that https would need."""
+    return httpx.request(method, url, timeout=60.0, verify=False, **content)
+
+
 class Running(NamedTuple):
     """A server that listens on a port of its own, in a thread of this process."""
 
@@ -27,7 +32,13 @@ class Running(NamedTuple):
     port: int
     service: Service
 
-    def raw(self, data: bytes, timeout: float = 10.0) -> bytes:
+    def get(self, path: str, **content: Any) -> httpx.Response:
+        return ask("GET", f"{self.url}{path}", **content)
+
+    def post(self, path: str, **content: Any) -> httpx.Response:
+        return ask("POST", f"{self.url}{path}", **content)
+
+    def raw(self, data: bytes, timeout: float = 60.0) -> bytes:
         """Send bytes as they are and return all that comes back until the server closes or stops talking."""
         with socket.create_connection(("127.0.0.1", self.port), timeout=timeout) as connection:
             connection.sendall(data)
@@ -57,8 +68,8 @@ def running(**settings: Any) -> Iterator[Running]:
     port = listening.getsockname()[1]
     url = f"http://127.0.0.1:{port}"
     try:
-        until = time.monotonic() + 60.0
-        while httpx.get(f"{url}/health/ready").status_code != 200:
+        until = time.monotonic() + 240.0
+        while ask("GET", f"{url}/health/ready").status_code != 200:
             assert time.monotonic() < until, "the server is never ready"
             time.sleep(0.02)
         yield Running(url, port, app.state.service)
@@ -73,10 +84,18 @@ def run_server() -> Callable[..., Any]:
     return running
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def server() -> Iterator[Running]:
     with running() as it:
         yield it
+
+
+def wait_for(condition: Callable[[], bool], seconds: float = 30.0) -> None:
+    """Wait until a condition holds; fails if it does not within that time."""
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until, f"it does not happen within {seconds:g} s"
+        time.sleep(0.005)
 
 
 def curve(samples: int = 300, seed: int = 0) -> NDArray[np.float64]:

@@ -184,7 +184,7 @@ def test_bad_request_gets_its_status_and_nothing_of_it_back(server: Any, request
 
 def test_problem_says_the_place_of_the_fault(server: Any) -> None:
     def place(**changes: Any) -> tuple[str | None, str]:
-        problem = httpx.post(f"{server.url}/plan", json={**GOOD, **changes}).json()
+        problem = server.post("/plan", json={**GOOD, **changes}).json()
         return problem.get("place"), problem["detail"]
 
     assert place(command={"dt": 0.001, "position": [[0, 0], [0, "1"]]})[0] == "command.position[1][1]"
@@ -205,7 +205,7 @@ def test_live_is_answered_at_once_while_bad_requests_rain(server: Any) -> None:
 
     attacker = threading.Thread(target=rain)
     attacker.start()
-    with httpx.Client(base_url=server.url) as client:
+    with httpx.Client(base_url=server.url, timeout=60.0, verify=False) as client:
         while not done.is_set():
             begin = time.perf_counter()
             assert client.get("/health/live").status_code == 200

@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ import pytest
 
 from runtime.bundle import Bundle
 from runtime.planner import DEFAULT_BUNDLE
+
+from .conftest import ask, received, wait_for
 
 SLIDE_SERVE = Path(sys.executable).with_name("slide-serve")
 
@@ -39,11 +41,17 @@ class Process:
             [SLIDE_SERVE, *arguments], env=environment, stdout=output, stderr=output, text=True
         )
 
+    def get(self, path: str) -> httpx.Response:
+        return ask("GET", f"{self.url}{path}")
+
+    def post(self, path: str, **content: Any) -> httpx.Response:
+        return ask("POST", f"{self.url}{path}", **content)
+
     def wait_until_ready(self) -> None:
-        until = time.monotonic() + 60.0
+        until = time.monotonic() + 240.0
         while time.monotonic() < until and self.process.poll() is None:
             try:
-                if httpx.get(f"{self.url}/health/ready").status_code == 200:
+                if self.get("/health/ready").status_code == 200:
                     return
             except httpx.TransportError:
                 pass
@@ -52,7 +60,7 @@ class Process:
 
     def ended(self) -> tuple[int, str]:
         """Return exit code and what was said on standard error."""
-        _, said = self.process.communicate(timeout=30.0)
+        _, said = self.process.communicate(timeout=60.0)
         return self.process.returncode, said
 
 
@@ -68,34 +76,37 @@ def process(*arguments: str, **settings: Any) -> Iterator[Process]:
 
 
 def assert_answers(server: Any, request: dict[str, Any]) -> None:
-    assert httpx.post(f"{server.url}/plan", json=request, timeout=60.0).status_code == 200
-    assert httpx.get(f"{server.url}/health/ready").status_code == 200
+    assert server.post("/plan", json=request).status_code == 200
+    assert server.get("/health/ready").status_code == 200
+
+
+def post_plan(request: dict[str, Any], path: str = "/plan") -> bytes:
+    body = json.dumps(request).encode()
+    head = f"POST {path} HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+    return head.encode() + body
 
 
 def test_sigterm_with_32_in_flight_finishes_them_and_ends_with_0(make_request: Callable[..., Any]) -> None:
-    with process(SLIDE_DEADLINE=30) as server, ThreadPoolExecutor(32) as threads:
-        clients = [httpx.Client(base_url=server.url, timeout=30.0) for _ in range(33)]
-        for client in clients:  # connected, so that stopping to listen keeps none of them out
-            client.get("/health/live")
-        late = clients.pop()
-        answers = [
-            threads.submit(client.post, "/plan", json=make_request(3000, seed)) for seed, client in enumerate(clients)
-        ]
-        until = time.monotonic() + 10.0
-        while "slide_requests_in_flight 32.0" not in late.get("/metrics").text and time.monotonic() < until:
-            pass
+    with process(SLIDE_DEADLINE=60, SLIDE_MAX_WAIT=60) as server, ExitStack() as stack:
+        late = stack.enter_context(httpx.Client(base_url=server.url, timeout=60.0, verify=False))
+        clients = [stack.enter_context(socket.create_connection(("127.0.0.1", server.port))) for _ in range(32)]
+        requests = [post_plan(make_request(1000, seed)) for seed in range(32)]
+        for client, request in zip(clients, requests, strict=True):
+            client.sendall(request[:-1])
+        wait_for(lambda: "slide_requests_in_flight 32.0" in late.get("/metrics").text)
         server.process.send_signal(signal.SIGTERM)
         begin = time.monotonic()
-        statuses = []
-        while server.process.poll() is None and time.monotonic() < begin + 20.0:
-            try:
-                statuses.append(late.post("/plan", json=make_request()).status_code)
-                assert late.get("/health/live").status_code == 200
-            except httpx.TransportError:
-                break
-        assert [answer.result().status_code for answer in answers] == [200] * 32
-        assert set(statuses) <= {200, 503}
-        assert 503 in statuses
+        wait_for(lambda: late.post("/plan", json={}).status_code == 503)
+        refusal = late.post("/plan", json=make_request())
+        assert refusal.json()["type"].endswith(":stopping")
+        assert refusal.headers["retry-after"] == "1"
+        assert late.get("/health/live").status_code == 200
+        assert late.get("/health/ready").status_code == 503
+        for client, request in zip(clients, requests, strict=True):
+            client.sendall(request[-1:])
+        for client in clients:
+            client.settimeout(30.0)
+            assert received(client).startswith(b"HTTP/1.1 200 ")
         code, said = server.ended()
         assert code == 0
         assert time.monotonic() - begin < 10.0
@@ -103,28 +114,27 @@ def test_sigterm_with_32_in_flight_finishes_them_and_ends_with_0(make_request: C
 
 
 def test_client_gone_in_the_middle_of_its_body_costs_nothing(server: Any, make_request: Callable[..., Any]) -> None:
-    body = json.dumps(make_request()).encode()
-    head = f"POST /plan HTTP/1.1\r\nHost: here\r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
-    for cut in (0, 1, len(body) // 2, len(body) - 1):
+    request = post_plan(make_request())
+    begin = request.index(b"{")
+    for cut in (begin, begin + 1, len(request) // 2, len(request) - 1):
         with socket.create_connection(("127.0.0.1", server.port)) as connection:
-            connection.sendall(head.encode() + body[:cut])
+            connection.sendall(request[:cut])
     assert_answers(server, make_request())
-    assert server.service.in_flight == 0
+    wait_for(lambda: server.service.in_flight == 0)
 
 
 def test_client_gone_in_the_middle_of_the_answer_costs_nothing(server: Any, make_request: Callable[..., Any]) -> None:
-    for request, path in ((make_request(3000), "/plan"), ({"commands": [make_request()["command"]] * 32}, "/plans")):
-        body = json.dumps(request).encode()
-        head = (
-            f"POST {path} HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
-        )
+    for request in (
+        post_plan(make_request(3000)),
+        post_plan({"commands": [make_request()["command"]] * 32}, "/plans"),
+    ):
         for read in (0, 100, 5000):
             with socket.create_connection(("127.0.0.1", server.port)) as connection:
-                connection.sendall(head.encode() + body)
+                connection.sendall(request)
                 while read > 0:
                     read -= len(connection.recv(read))
     assert_answers(server, make_request())
-    assert server.service.in_flight == 0
+    wait_for(lambda: server.service.in_flight == 0)
 
 
 def test_200_slow_sockets_keep_nobody_out(server: Any, make_request: Callable[..., Any]) -> None:
@@ -166,16 +176,15 @@ def test_decoder_that_hangs_times_out_and_the_worker_lives_on(
 
         monkeypatch.setattr(Bundle, "decode_step", hanging)
         begin = time.monotonic()
-        response = httpx.post(f"{server.url}/plan", json=make_request())
+        response = server.post("/plan", json=make_request())
         assert response.status_code == 504
         assert response.json()["type"].endswith(":deadline")
         assert time.monotonic() - begin < 1.8
-        assert httpx.get(f"{server.url}/health/live").status_code == 200
-        ready = httpx.get(f"{server.url}/health/ready")
-        assert ready.status_code == 503
-        assert ready.headers["retry-after"] == "1"
-        time.sleep(2.0)
-        assert_answers(server, make_request())
+        assert server.get("/health/live").status_code == 200
+        wait_for(lambda: server.get("/health/ready").status_code == 503, 1.0)
+        assert server.get("/health/ready").headers["retry-after"] == "1"
+        wait_for(lambda: server.post("/plan", json=make_request()).status_code == 200)
+        assert server.get("/health/ready").status_code == 200
         assert threading.active_count() <= threads + 1
 
 
@@ -187,7 +196,7 @@ def test_onnxruntime_exception_is_a_500_and_the_next_plan_is_made(
 
     with monkeypatch.context() as patch:
         patch.setattr(Bundle, "decode_step", failing)
-        response = httpx.post(f"{server.url}/plan", json=make_request())
+        response = server.post("/plan", json=make_request())
     assert response.status_code == 500
     assert response.json()["type"].endswith(":failed")
     assert "secret" not in response.text
@@ -198,7 +207,7 @@ def test_full_disk_stops_no_plan(make_request: Callable[..., Any], tmp_path: Pat
     """All a server writes is what it says; where that fails, plans go on."""
     with open("/dev/full", "w") as full, process(output=full, TMPDIR=tmp_path / "nowhere") as server:
         assert_answers(server, make_request())
-        assert httpx.post(f"{server.url}/plan", content=b"{").status_code in (400, 415)
+        assert server.post("/plan", content=b"{").status_code in (400, 415)
         assert_answers(server, make_request())
 
 
@@ -216,13 +225,13 @@ def test_bundle_changed_on_disk_changes_nothing_until_a_start_which_refuses_it(
     bundle = tmp_path / "bundle"
     shutil.copytree(DEFAULT_BUNDLE, bundle)
     with process(SLIDE_MODEL=bundle) as server:
-        before = httpx.get(f"{server.url}/info").json()
-        plan = httpx.post(f"{server.url}/plan", json=make_request()).json()
+        before = server.get("/info").json()
+        plan = server.post("/plan", json=make_request()).json()
         data = bytearray((bundle / "decoder_step.onnx").read_bytes())
         data[len(data) // 2] ^= 1
         (bundle / "decoder_step.onnx").write_bytes(data)
-        assert httpx.post(f"{server.url}/plan", json=make_request()).json() == plan
-        assert httpx.get(f"{server.url}/info").json() == before
+        assert server.post("/plan", json=make_request()).json() == plan
+        assert server.get("/info").json() == before
     code, said = Process(SLIDE_MODEL=bundle).ended()
     assert code == 2
     assert "decoder_step.onnx: sha256 is" in said
@@ -246,11 +255,33 @@ def test_queue_that_is_full_says_when_to_come_back(
             return decode_step(*args)
 
         monkeypatch.setattr(Bundle, "decode_step", held)
-        asked = [threads.submit(httpx.post, f"{server.url}/plan", json=make_request(), timeout=30) for _ in range(12)]
+        asked = [threads.submit(server.post, "/plan", json=make_request()) for _ in range(12)]
         time.sleep(1.0)
-        assert httpx.get(f"{server.url}/health/live").status_code == 200
+        assert server.get("/health/live").status_code == 200
         gate.set()
         answers = [each.result() for each in asked]
         assert {answer.status_code for answer in answers} == {200, 503}
         assert all(answer.headers["retry-after"] == "1" for answer in answers if answer.status_code == 503)
+        assert_answers(server, make_request())
+
+
+def test_command_that_waits_too_long_is_sent_away_while_the_one_being_planned_is_finished(
+    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with run_server(max_wait=0.2, deadline=60.0) as server, ThreadPoolExecutor(1) as threads:
+        gate, decode_step = threading.Event(), Bundle.decode_step
+
+        def held(*args: Any) -> Any:
+            gate.wait(30.0)
+            return decode_step(*args)
+
+        monkeypatch.setattr(Bundle, "decode_step", held)
+        first = threads.submit(server.post, "/plan", json=make_request())
+        wait_for(lambda: server.service.dispatcher.busy > 0.0)
+        second = server.post("/plan", json=make_request())
+        assert second.status_code == 503
+        assert second.json()["type"].endswith(":overloaded")
+        assert second.headers["retry-after"] == "1"
+        gate.set()
+        assert first.result().status_code == 200
         assert_answers(server, make_request())

@@ -83,7 +83,7 @@ def free_port() -> int:
     return port
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(600)
 def test_what_the_dockerfile_builds_serves_plans_from_an_empty_folder_and_writes_nothing(
     image: Path, tmp_path: Path
 ) -> None:
@@ -125,6 +125,7 @@ def test_what_the_dockerfile_builds_serves_plans_from_an_empty_folder_and_writes
     assert [list(folder.iterdir()) for folder in folders] == [[], [], []]
 
 
+@pytest.mark.timeout(600)
 def test_what_the_dockerfile_installs_is_pinned_and_has_no_torch(image: Path) -> None:
     freeze = subprocess.run([image / "bin/python", "-m", "pip", "freeze"], capture_output=True, text=True, check=True)
     pinned = set((ROOT / "constraints.txt").read_text().lower().splitlines())

@@ -8,8 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import httpx
-
 EXAMPLES = os.environ.get("SLIDE_EXAMPLES", "5")
 """Examples an operation; `make soak` takes 200."""
 
@@ -18,7 +16,7 @@ CONFIGURATION = Path(__file__).with_name("schemathesis.toml")
 
 
 def test_description_names_every_path_and_answer(server: Any) -> None:
-    document = httpx.get(f"{server.url}/openapi.json").json()
+    document = server.get("/openapi.json").json()
     assert set(document["paths"]) == {"/plan", "/plans", "/health/live", "/health/ready", "/info", "/metrics"}
     answers = set(document["paths"]["/plan"]["post"]["responses"])
     assert answers == {"200", "400", "401", "406", "408", "413", "415", "422", "500", "503", "504"}
@@ -36,4 +34,4 @@ def test_every_operation_keeps_what_the_description_promises(server: Any, tmp_pa
         check=False,
     )
     assert done.returncode == 0, done.stdout[-6000:]
-    assert httpx.get(f"{server.url}/health/ready").status_code == 200
+    assert server.get("/health/ready").status_code == 200

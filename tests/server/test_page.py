@@ -29,8 +29,10 @@ ARGUMENTS = [
     "--disable-component-update",
     "--disable-sync",
 ]
-PATIENCE = 20_000  # ms
+PATIENCE = 60_000  # ms: a browser without a graphics card on a busy machine
 EXAMPLES = ["Circle", "Eight", "Strokes", "Signature"]
+
+expect.set_options(timeout=PATIENCE)
 
 if CHROMIUM is None and not os.environ.get("CI"):
     pytest.skip("no Chromium here: install it, or name it in SLIDE_CHROMIUM", allow_module_level=True)

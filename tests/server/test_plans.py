@@ -27,7 +27,7 @@ def test_plan_is_the_runtimes_plan_and_a_file_of_it_is_read(
     server: Any, planner: Planner, make_request: Callable[..., Any], tmp_path: Path
 ) -> None:
     request = make_request(345)
-    response = httpx.post(f"{server.url}/plan", json=request)
+    response = server.post("/plan", json=request)
     assert response.status_code == 200
     assert response.headers["content-type"] == "application/json"
     (tmp_path / "plan.json").write_bytes(response.content)
@@ -36,13 +36,13 @@ def test_plan_is_the_runtimes_plan_and_a_file_of_it_is_read(
 
 
 def test_plan_comes_as_npz_if_that_is_accepted(server: Any, make_request: Callable[..., Any], tmp_path: Path) -> None:
-    response = httpx.post(f"{server.url}/plan", json=make_request(), headers={"Accept": "application/x-npz"})
+    response = server.post("/plan", json=make_request(), headers={"Accept": "application/x-npz"})
     assert response.headers["content-type"] == "application/x-npz"
     assert np.load(io.BytesIO(response.content), allow_pickle=False)["pan.acceleration"].shape == (300, 2)
     (tmp_path / "plan.npz").write_bytes(response.content)
-    assert Plan.load(tmp_path / "plan.npz").to_dict() == httpx.post(f"{server.url}/plan", json=make_request()).json()
+    assert Plan.load(tmp_path / "plan.npz").to_dict() == server.post("/plan", json=make_request()).json()
     preferring = {"Accept": "application/x-npz;q=0.5, application/json"}
-    response = httpx.post(f"{server.url}/plan", json=make_request(), headers=preferring)
+    response = server.post("/plan", json=make_request(), headers=preferring)
     assert response.headers["content-type"] == "application/json"
 
 
@@ -60,7 +60,7 @@ def test_options_are_those_of_the_runtime(server: Any, planner: Planner, make_cu
 
 
 def test_server_timing_tells_queue_encode_and_decode(server: Any, make_request: Callable[..., Any]) -> None:
-    header = httpx.post(f"{server.url}/plan", json=make_request()).headers["server-timing"]
+    header = server.post("/plan", json=make_request()).headers["server-timing"]
     found = re.fullmatch(r"queue;dur=([\d.]+), encode;dur=([\d.]+), decode;dur=([\d.]+)", header)
     assert found
     assert all(float(part) >= 0.0 for part in found.groups())
@@ -70,7 +70,7 @@ def test_server_timing_tells_queue_encode_and_decode(server: Any, make_request: 
 
 def test_waypoints_are_resampled(server: Any) -> None:
     command = {"t": [5.0, 5.4, 6.0], "position": [[0, 0], [0.03, 0.02], [0.05, 0]]}
-    plan = httpx.post(f"{server.url}/plan", json={"command": command}).json()
+    plan = server.post("/plan", json={"command": command}).json()
     assert len(plan["command"]["position"]) == 1001
 
 
@@ -87,7 +87,7 @@ def test_plans_come_in_order_a_line_each(server: Any, planner: Planner, make_cur
 def test_command_of_many_that_cannot_be_planned_is_a_problem_in_its_line(server: Any) -> None:
     moving = {"pan_position": [5.0, 0.0]}
     commands = [{"dt": 0.001, "position": [[0, 0], [0, 0]]}] * 2
-    response = httpx.post(f"{server.url}/plans", json={"commands": commands, "start": moving})
+    response = server.post("/plans", json={"commands": commands, "start": moving})
     assert response.status_code == 200
     lines = [json.loads(line) for line in response.text.splitlines()]
     assert [line["status"] for line in lines] == [422, 422]
@@ -103,7 +103,7 @@ def test_concurrent_requests_are_planned_together_and_each_gets_its_own(
 
     async def ask(server: Any) -> list[Plan]:
         limits = httpx.Limits(max_connections=48)
-        async with httpx.AsyncClient(base_url=server.url, timeout=60.0, limits=limits) as client:
+        async with httpx.AsyncClient(base_url=server.url, timeout=60.0, verify=False, limits=limits) as client:
 
             async def one(curve: Any) -> Plan:
                 command = {"dt": 0.001, "position": curve.tolist()}
@@ -111,9 +111,9 @@ def test_concurrent_requests_are_planned_together_and_each_gets_its_own(
 
             return await asyncio.gather(*map(one, curves))
 
-    with run_server() as server:
+    with run_server(max_wait=60.0, deadline=60.0) as server:
         plans = asyncio.run(ask(server))
-        metrics = httpx.get(f"{server.url}/metrics").text
+        metrics = server.get("/metrics").text
     for curve, plan in zip(curves, plans, strict=True):
         assert np.array_equal(plan.command_position, curve)
         own = planner.plan(curve)
@@ -128,11 +128,11 @@ def test_concurrent_requests_are_planned_together_and_each_gets_its_own(
 
 def test_bad_start_in_a_batch_fails_alone(run_server: Callable[..., Any], make_request: Callable[..., Any]) -> None:
     async def ask(server: Any) -> list[int]:
-        async with httpx.AsyncClient(base_url=server.url, timeout=60.0) as client:
+        async with httpx.AsyncClient(base_url=server.url, timeout=60.0, verify=False) as client:
             bad = {"start": {"pan_position": [5.0, 0.0]}}
             requests = [make_request(300, seed, **(bad if seed % 4 == 0 else {})) for seed in range(16)]
             answers = await asyncio.gather(*(client.post("/plan", json=request) for request in requests))
             return [answer.status_code for answer in answers]
 
-    with run_server() as server:
+    with run_server(max_wait=60.0, deadline=60.0) as server:
         assert asyncio.run(ask(server)) == [422, 200, 200, 200] * 4

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 from pydantic import ValidationError
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from server.cli import serve_main
 from server.client import Client
 from server.settings import Settings
-
-SLIDE_SERVE = Path(sys.executable).with_name("slide-serve")
 
 
 def test_token_is_needed_for_all_that_plans_or_tells(run_server: Callable[..., Any], make_curve: Any) -> None:
     with run_server(token="canary-token") as server:
         for path in ("/plan", "/plans"):
-            assert httpx.post(f"{server.url}{path}", json={}).status_code == 401
+            assert server.post(path, json={}).status_code == 401
         for header in (
             "",
             "Bearer",
@@ -33,14 +29,14 @@ def test_token_is_needed_for_all_that_plans_or_tells(run_server: Callable[..., A
             "Bearer \u00e9",
         ):
             for path in ("/info", "/metrics"):
-                answer = httpx.get(f"{server.url}{path}", headers={"Authorization": header.encode()})
+                answer = server.get(path, headers={"Authorization": header.encode()})
                 assert answer.status_code == 401
                 assert answer.headers["www-authenticate"] == "Bearer"
         with pytest.raises(InvalidStatus) as caught:
             connect(server.url.replace("http", "ws") + "/stream").__enter__()
         assert caught.value.response.status_code == 401
         for path in ("/", "/health/live", "/health/ready", "/openapi.json"):
-            assert httpx.get(f"{server.url}{path}").status_code == 200
+            assert server.get(path).status_code == 200
         with Client(server.url, token="canary-token") as client:
             assert len(client.plan(make_curve())) == 300
             client.stream(make_curve()).close()
@@ -49,7 +45,7 @@ def test_token_is_needed_for_all_that_plans_or_tells(run_server: Callable[..., A
 
 def test_info_tells_settings_but_no_secret_and_no_path(run_server: Callable[..., Any]) -> None:
     with run_server(token="canary-token") as server:
-        answer = httpx.get(f"{server.url}/info", headers={"Authorization": "Bearer canary-token"})
+        answer = server.get("/info", headers={"Authorization": "Bearer canary-token"})
     assert "canary" not in answer.text
     document = answer.json()
     assert document["settings"]["max_body"] == 1 << 20
@@ -78,21 +74,29 @@ def test_server_refuses_to_be_reached_from_elsewhere_without_a_token(host: str) 
         assert Settings(host=own).host == own
 
 
-def test_slide_serve_says_in_one_line_what_is_wrong() -> None:
-    for arguments, message in (
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
         (["--host", "0.0.0.0"], "host 0.0.0.0 is reachable from other machines: give a token"),
         (["--port", "70000"], "port: Input should be less than or equal to 65535"),
         (["--bundle-sha256", "abc"], "bundle_sha256: String should match pattern"),
-    ):
-        done = subprocess.run([SLIDE_SERVE, *arguments], capture_output=True, text=True, check=False)
-        assert done.returncode == 2
-        assert done.stderr.startswith(f"slide-serve: error: {message}")
-        assert done.stderr.count("\n") == 1
+    ],
+)
+def test_slide_serve_says_in_one_line_what_is_wrong(
+    arguments: list[str], message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["slide-serve", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        serve_main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert said.startswith(f"slide-serve: error: {message}")
+    assert said.count("\n") == 1
 
 
 def test_page_and_answers_carry_the_headers_that_protect_them(server: Any) -> None:
     for path in ("/", "/health/live", "/nowhere"):
-        headers = httpx.get(f"{server.url}{path}").headers
+        headers = server.get(path).headers
         assert headers["content-security-policy"].startswith("default-src 'self';")
         assert "unsafe" not in headers["content-security-policy"]
         assert headers["x-content-type-options"] == "nosniff"
