@@ -35,7 +35,15 @@ class Connection:
         Raises:
             OSError, asyncio.IncompleteReadError: the connection is lost.
         """
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), self._ends is not None
+        try:
+            return await self._ask(request, begin)
+        except (OSError, asyncio.IncompleteReadError) as error:
+            if not used or getattr(error, "partial", b""):
+                raise
+            return await self._ask(request, begin)  # it was closed while nobody used it, as a server may
+
+    async def _ask(self, request: bytes, begin: float) -> Answer:
         if self._ends is None:
             self._ends = await asyncio.open_connection("127.0.0.1", self._port, limit=1 << 20)
         reader, writer = self._ends
