@@ -136,12 +136,11 @@ BROAD = {
 """The mix of commands that people give."""
 
 CONFIGURATIONS: dict[str, TrainConfig] = {
-    "base": TrainConfig(name="base", families=BROAD),
-    "default": TrainConfig(
-        name="default",
+    "default": TrainConfig(name="default", families=BROAD),
+    "strokes": TrainConfig(
+        name="strokes",
         families=BROAD,
         curriculum="shorter-strokes",
-        epochs=64,
         learning_rate=8e-4,
         gamma=0.2,
         repeat=0.3,

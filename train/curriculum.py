@@ -57,7 +57,8 @@ GRADUAL = (
     Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
 )
 
-# For a network that has learned all of that: makes it stick and slip more often, then leaves it to find its best.
+# For a network that has learned all of that: makes it stick and slip more often, then leaves it to find its best. The
+# last half of it follows tracking alone.
 SHORTER_STROKES = (
     Stage(5, 16, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=ALWAYS, disturbed=True),
     Stage(5, 32, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=(1.0, 0.0), disturbed=True),
