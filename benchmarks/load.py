@@ -39,7 +39,7 @@ class Connection:
         try:
             return await self._ask(request, begin)
         except (OSError, asyncio.IncompleteReadError) as error:
-            if not used or getattr(error, "partial", b""):
+            if not used or (isinstance(error, asyncio.IncompleteReadError) and error.partial):
                 raise
             return await self._ask(request, begin)  # it was closed while nobody used it, as a server may
 
