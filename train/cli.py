@@ -57,7 +57,7 @@ def eval_main() -> None:
 
 def slide_train(
     config: Annotated[
-        str, typer.Argument(help="Configuration: default, strokes, smoke, paper, or a .json file.", show_default=False)
+        str, typer.Argument(help="base, default, strokes, smoke, paper, or a .json file.", show_default=False)
     ],
     run_folder: Annotated[
         Path | None, typer.Option("--run", help="Folder of the run; runs/CONFIG[-MODEL] if not given.", metavar="DIR")
@@ -93,9 +93,7 @@ def slide_train(
     if resume is not None and init is not None:
         raise InputError("--init and --resume both say what to begin with: give one of them")
     if resume is None and init is None and not trains_from_scratch(settings):
-        raise InputError(
-            f"configuration {settings.name} goes on from a trained network: --init runs/default, or a bundle"
-        )
+        raise InputError(f"configuration {settings.name} goes on from a trained network: --init runs/base, or a bundle")
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
     with extra("train"):

@@ -34,7 +34,7 @@ class TrainConfig(BaseModel):
 
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", description="name of the configuration and of the bundle")
     model: Model = Field("A", description="model A, B or C of Section V-B")
-    curriculum: Literal["table-1", "gradual", "shorter-strokes"] = "gradual"
+    curriculum: Literal["table-1", "gradual", "shorter-strokes", "mid-course"] = "gradual"
     seed: int = Field(0, ge=0)
 
     units: Count = Field(256, description="LSTM units per layer")
@@ -136,7 +136,19 @@ BROAD = {
 """The mix of commands that people give."""
 
 CONFIGURATIONS: dict[str, TrainConfig] = {
-    "default": TrainConfig(name="default", families=BROAD),
+    "base": TrainConfig(name="base", families=BROAD),
+    "default": TrainConfig(
+        name="default",
+        families=BROAD,
+        curriculum="mid-course",
+        epochs=8,
+        learning_rate=5e-4,
+        jerk=1.0,
+        lead_in=0.4,
+        displaced=0.2,
+        noisy=0.2,
+        threads=1,
+    ),
     "strokes": TrainConfig(
         name="strokes",
         families=BROAD,

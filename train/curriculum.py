@@ -65,7 +65,15 @@ SHORTER_STROKES = (
     Stage(5, 64, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
 )
 
-CURRICULA = {"table-1": TABLE_I, "gradual": GRADUAL, "shorter-strokes": SHORTER_STROKES}
+# For the same: lets it begin in mid-course, off its mark and with noise, as long commands and measured states do.
+MID_COURSE = (Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),)
+
+CURRICULA = {
+    "table-1": TABLE_I,
+    "gradual": GRADUAL,
+    "shorter-strokes": SHORTER_STROKES,
+    "mid-course": MID_COURSE,
+}
 
 
 @dataclass(frozen=True)

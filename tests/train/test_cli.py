@@ -52,7 +52,7 @@ def test_finished_run_resumes_to_the_same_answer(folder):
         (["smoke", "--resume", "runs/absent"], "no such checkpoint"),
         (["smoke", "--seed", "7", "--resume", "runs/smoke"], "seed: 0 -> 7"),
         (["smoke", "--device", "cuda", "--run", "x"], "--device cpu"),
-        (["strokes", "--run", "x"], "--init runs/default"),
+        (["strokes", "--run", "x"], "--init runs/base"),
         (["strokes", "--run", "x", "--init", "runs/smoke"], "weight_ih_l0 is of shape (64, 400)"),
         (["strokes", "--model", "B"], "model: B is trained from scratch"),
         (["smoke", "--resume", "runs/smoke", "--init", "runs/smoke"], "give one of them"),
@@ -112,7 +112,7 @@ def test_missing_extra_is_one_line_that_says_what_to_install(folder, main, argum
 
 def test_interrupted_run_says_how_to_go_on(folder):
     program = Path(sys.executable).with_name("slide-train")
-    arguments = ["default", "--run", "interrupted", "--device", "cpu"]
+    arguments = ["base", "--run", "interrupted", "--device", "cpu"]
     # Python would not listen to SIGINT where a shell that started the tests in the background had it ignored.
     obey = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     with subprocess.Popen(

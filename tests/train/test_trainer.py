@@ -198,6 +198,6 @@ def test_noise_is_seen_but_does_not_move_anything():
 
 
 def test_learning_rate_falls_along_a_cosine():
-    config = load_config("default")
+    config = load_config("base")
     rates = [learning_rate(config, progress) for progress in (0.0, 0.5, 1.0)]
     assert rates == pytest.approx([1e-3, 0.5 * (1e-3 + 1e-5), 1e-5])
