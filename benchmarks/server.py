@@ -26,8 +26,8 @@ from runtime.cli import AsJson, print_json, print_table, run
 from runtime.friction import integrate_pan
 from runtime.planner import Planner
 from runtime.remote import RemoteStream
-from server.plans import encode
 from server.schemas import PlanRequest, read
+from server.worker import as_json
 
 LONE = 300
 """Requests of a lone client."""
@@ -129,7 +129,7 @@ def json_time(request: bytes) -> float:
     def once() -> float:
         begin = time.perf_counter()
         read(PlanRequest, body).command.command()
-        encode(plan)
+        as_json(plan)
         return time.perf_counter() - begin
 
     return float(np.median([once() for _ in range(50)]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -36,12 +36,14 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        ready = asyncio.create_task(service.make_ready())
+        planning = asyncio.create_task(service.run())
         try:
             yield
         finally:
-            ready.cancel()
-            service.stop()
+            service.stopping = True
+            planning.cancel()
+            with suppress(asyncio.CancelledError):
+                await planning
 
     app = FastAPI(
         title="slide-planner",

@@ -1,46 +1,61 @@
 """Plans outside the event loop, together what can be planned together.
 
-One thread plans. While it does, requests gather, and what has gathered is planned next through the batch axis: a lone
-request never waits, and under load the batches grow by themselves. Clients that were answered together come back
-together, a moment apart; so after a batch of several the thread waits for as many again, but no longer than the window.
+A process of its own plans; see `server.worker`. While it does, requests gather, and what has gathered is planned next
+through the batch axis: a lone request never waits, and under load the batches grow by themselves. Clients that were
+answered together come back together, a moment apart; so after a batch of several the next one waits for the window.
+
+A process that ends, or is at one batch for too long, is replaced. What it was planning then has failed, and what waits
+is sent away: a new one takes seconds to be ready.
 """
 
 from __future__ import annotations
 
 import asyncio
-import copy
 import logging
-import threading
+import pickle
+import socket
+import subprocess
+import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from runtime import InputError, Plan, Planner
-from runtime.bundle import Bundle, DecoderState, Float32Array, Manifest
+from runtime import BundleError
+from runtime.bundle import Manifest
 from runtime.decoding import chunk_count
 from server.metrics import Metrics
 from server.problems import Problem
-from server.schemas import Asked
 from server.settings import Settings
+from server.worker import BUFFER, LENGTH, Asked, Failed, Made, Order, packed
 
 log = logging.getLogger("slide-serve")
 
+COMMAND = [sys.executable, "-P", "-c", "from server.worker import main; main()"]
+"""How the planning process is run."""
+
+HANGING = 6.0
+"""Deadlines after which a batch will not be finished any more, and the process is replaced."""
+
+ENDING = 1.0
+"""Longest time until the process has ended by itself, once the server is done with it (s)."""
+
 
 class Planned(NamedTuple):
-    """A plan as it is sent, and the time it took (s): waiting, in the encoder, and in all the rest of the planning."""
+    """A plan as it is sent, and the time it took (s): waiting, in the encoder, in the rest of the planning, written."""
 
     body: bytes
     queue: float
     encode: float
     decode: float
+    write: float
 
     def timing(self) -> str:
         """Return the value of the header `Server-Timing`."""
-        return ", ".join(f"{name};dur={getattr(self, name) * 1e3:.2f}" for name in ("queue", "encode", "decode"))
+        return ", ".join(f"{name};dur={getattr(self, name) * 1e3:.2f}" for name in self._fields[1:])
 
 
 @dataclass(eq=False)
@@ -50,15 +65,13 @@ class Ticket:
     Attributes:
         asked: what is to be planned.
         chunks: chunks the command fills; equally many can be planned together.
-        write: what makes the plan into what is sent; called in the planning thread.
         ready: what comes of it.
         entered: when it began to wait (s, of the monotonic clock).
-        started: whether the thread has taken it.
+        started: whether the process has it.
     """
 
     asked: Asked
     chunks: int
-    write: Callable[[Plan], bytes]
     ready: asyncio.Future[Planned]
     entered: float = field(default_factory=time.perf_counter)
     started: bool = False
@@ -70,47 +83,96 @@ class Ticket:
         return together and self.chunks == other.chunks
 
 
-@dataclass(frozen=True, eq=False)
-class TimedBundle(Bundle):
-    """A bundle that adds up the time its encoder takes (s); for one thread."""
+class Process:
+    """The server's side of a planning process."""
 
-    spent: list[float] = field(default_factory=lambda: [0.0])
+    def __init__(self, process: subprocess.Popen[bytes], reader: asyncio.StreamReader, writer: asyncio.StreamWriter):
+        self._process, self._reader, self._writer = process, reader, writer
 
-    def encode(self, command: Float32Array) -> DecoderState:
-        """Read commands, as every bundle does."""
-        begin = time.perf_counter()
+    @classmethod
+    async def start(cls, order: Order) -> Process:
+        """Start a planning process and wait until it is ready.
+
+        Raises:
+            BundleError: it is not ready to plan; what it says is passed on.
+        """
+        ours, its = socket.socketpair()
+        for end in (ours, its):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        with its:
+            number = its.fileno()
+            process = subprocess.Popen([*COMMAND, str(number)], stdin=subprocess.DEVNULL, pass_fds=(number,))
+        it = cls(process, *await asyncio.open_connection(sock=ours, limit=BUFFER))
         try:
-            return super().encode(command)
-        finally:
-            self.spent[0] += time.perf_counter() - begin
+            it.send(order)
+            wrong = await it.receive()
+            if wrong:
+                raise BundleError(wrong)
+        except EOFError:
+            raise BundleError(f"the planning process ended before it was ready, with {await it.end()}") from None
+        except BaseException:
+            it.kill()
+            raise
+        return it
+
+    @property
+    def number(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def send(self, message: object) -> None:
+        """Send a message; it goes as the process reads."""
+        self._writer.write(packed(message))
+
+    async def receive(self) -> Any:
+        """Return the next message.
+
+        Raises:
+            EOFError: the process has ended.
+        """
+        try:
+            (length,) = LENGTH.unpack(await self._reader.readexactly(LENGTH.size))
+            return pickle.loads(await self._reader.readexactly(length))
+        except (asyncio.IncompleteReadError, ConnectionError):
+            raise EOFError from None
+
+    async def end(self) -> int:
+        """Let the process end, or end it, and return its exit code."""
+        self._writer.close()
+        until = time.monotonic() + ENDING
+        while self._process.poll() is None and time.monotonic() < until:
+            await asyncio.sleep(0.01)
+        self.kill()
+        return self._process.wait()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._writer.close()
+        self._process.kill()
+        self._process.wait()
 
 
 class Dispatcher:
-    """Takes commands from the event loop, plans them in a thread of its own, and hands the plans back.
+    """Takes commands, gives them to a planning process batch by batch, and hands the plans back.
 
     Args:
-        planner: what plans.
+        order: what the process plans with.
+        manifest: of the bundle.
         settings: bounds of the queue and of a batch.
         metrics: what is counted.
+
+    Attributes:
+        manifest: of the bundle.
+        process: the number of the planning process; None while there is none that is ready.
     """
 
-    def __init__(self, planner: Planner, settings: Settings, metrics: Metrics) -> None:
-        self._bundle = TimedBundle(**vars(planner.bundle))
-        self._planner = copy.copy(planner)
-        self._planner.bundle = self._bundle
-        self._settings, self._metrics = settings, metrics
-        self._loop = asyncio.get_running_loop()
+    def __init__(self, order: Order, manifest: Manifest, settings: Settings, metrics: Metrics) -> None:
+        self.manifest = manifest
+        self.process: int | None = None
+        self._order, self._settings, self._metrics = order, settings, metrics
         self._waiting: deque[Ticket] = deque()
-        self._changed = threading.Condition()
-        self._stopping = False
+        self._arrived = asyncio.Event()
         self._busy_since: float | None = None
-        self._thread = threading.Thread(target=self._work, name="planner", daemon=True)
-        self._thread.start()
-
-    @property
-    def manifest(self) -> Manifest:
-        """What is planned with; also there when no new work is taken."""
-        return self._bundle.manifest
 
     @property
     def full(self) -> bool:
@@ -119,122 +181,125 @@ class Dispatcher:
 
     @property
     def busy(self) -> float:
-        """How long the thread has been at its present batch (s)."""
+        """How long the process has been at its present batch (s)."""
         since = self._busy_since
         return 0.0 if since is None else time.perf_counter() - since
 
-    def submit(self, many: Sequence[Asked], write: Callable[[Plan], bytes]) -> list[Ticket]:
-        """Let commands wait to be planned, and the plans to be written; a ticket that is cancelled is passed over.
+    def submit(self, many: Sequence[Asked]) -> list[Ticket]:
+        """Let commands wait to be planned; a ticket that is cancelled is passed over.
 
         Raises:
             Problem: `overloaded`: there is no room for all of them.
         """
-        tickets = [
-            Ticket(one, chunk_count(one.command, self.manifest), write, self._loop.create_future()) for one in many
-        ]
-        with self._changed:
-            if len(self._waiting) + len(tickets) > self._settings.max_queue:
-                raise overloaded()
-            self._waiting.extend(tickets)
-            self._metrics.queue_depth.set(len(self._waiting))
-            self._changed.notify()
+        if len(self._waiting) + len(many) > self._settings.max_queue:
+            raise overloaded()
+        loop = asyncio.get_running_loop()
+        tickets = [Ticket(one, chunk_count(one.command, self.manifest), loop.create_future()) for one in many]
         for ticket in tickets:
             ticket.ready.add_done_callback(partial(self._leave, ticket))
+        self._wait(*self._waiting, *tickets)
         return tickets
 
-    def stop(self) -> None:
-        """End the thread once nothing waits; one that hangs is left behind, it ends with the process."""
-        with self._changed:
-            self._stopping = True
-            self._changed.notify()
-        self._thread.join(timeout=1.0)
+    async def run(self) -> None:
+        """Plan, until cancelled, with one process after another.
+
+        Raises:
+            BundleError: a process is not ready to plan.
+        """
+        while True:
+            process = await Process.start(self._order)
+            try:
+                self.process = process.number
+                log.info("ready: model %s, planned with in process %d", self.manifest.name, process.number)
+                await self._work(process)
+            except EOFError:
+                said = "has ended"
+            except TimeoutError:
+                said = "hung"
+                process.kill()
+            finally:
+                self.process = self._busy_since = None
+                code = await process.end()
+            log.error("the planning process %s (%d): a new one is started", said, code)
+            for ticket in self._waiting:
+                _settle(ticket, Problem("not-ready", headers={"Retry-After": "1"}))
+            self._wait()
+
+    async def _work(self, process: Process) -> None:
+        """Plan with one process.
+
+        Raises:
+            EOFError: it has ended.
+            TimeoutError: it is at one batch for too long.
+        """
+        last = 1
+        while True:
+            batch = await self._take(last)
+            last = len(batch)
+            try:
+                async with asyncio.timeout(HANGING * self._settings.deadline):
+                    await self._plan(process, batch)
+            finally:
+                for ticket in batch:
+                    _settle(ticket, Problem("failed", "the planning process ended"))
+
+    async def _take(self, last: int) -> list[Ticket]:
+        """Wait for commands and return the oldest with all that fit it."""
+        while not self._waiting:
+            self._arrived.clear()
+            await self._arrived.wait()
+        if last > 1 and len(self._waiting) < last:
+            await asyncio.sleep(self._settings.batch_window_ms * 1e-3)
+        batch: list[Ticket] = []
+        waiting = [ticket for ticket in self._waiting if not ticket.ready.done()]
+        for ticket in waiting:
+            if not batch or (ticket.fits(batch[0]) and len(batch) < self._settings.max_batch):
+                ticket.started = True
+                batch.append(ticket)
+        self._wait(*(ticket for ticket in waiting if not ticket.started))
+        return batch or await self._take(1)  # all were cancelled in the window
+
+    async def _plan(self, process: Process, batch: list[Ticket]) -> None:
+        begin = self._busy_since = time.perf_counter()
+        process.send([ticket.asked for ticket in batch])
+        for _ in batch:
+            answer: Made | Failed = await process.receive()
+            ticket = batch[answer.number]
+            queue = begin - ticket.entered
+            self._metrics.queue_time.observe(queue)
+            if isinstance(answer, Made):
+                self._metrics.plan(answer, len(ticket.asked.command))
+                _settle(ticket, Planned(answer.body, queue, answer.encode, answer.decode, answer.write))
+            elif answer.wrong:
+                _settle(ticket, Problem("invalid", answer.wrong, "start"))
+            else:
+                _settle(ticket, Problem("failed", "the plan could not be made"))
+        self._busy_since = None
+
+    def _wait(self, *tickets: Ticket) -> None:
+        """Let these tickets wait, and no others."""
+        self._waiting = deque(tickets)
+        self._metrics.queue_depth.set(len(tickets))
+        self._arrived.set()
 
     def _leave(self, ticket: Ticket, _: asyncio.Future[Planned]) -> None:
         """Give up the place of a ticket that was cancelled before its turn."""
-        with self._changed, suppress(ValueError):
-            if not ticket.started:
+        if not ticket.started:
+            with suppress(ValueError):
                 self._waiting.remove(ticket)
                 self._metrics.queue_depth.set(len(self._waiting))
 
-    def _work(self) -> None:
-        last = 1
-        while batch := self._take(last):
-            last = len(batch)
-            self._busy_since = time.perf_counter()
-            try:
-                self._plan(batch)
-            finally:
-                self._busy_since = None
 
-    def _take(self, last: int) -> list[Ticket]:
-        """Wait for commands and return the oldest with all that fit it; none when the server stops."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._stopping)
-            if last > 1:
-                window = self._settings.batch_window_ms * 1e-3
-                self._changed.wait_for(lambda: len(self._waiting) >= last or self._stopping, timeout=window)
-            waiting = [ticket for ticket in self._waiting if not ticket.ready.done()]
-            batch: list[Ticket] = []
-            for ticket in waiting:
-                if not batch or (ticket.fits(batch[0]) and len(batch) < self._settings.max_batch):
-                    ticket.started = True
-                    batch.append(ticket)
-            self._waiting = deque(ticket for ticket in waiting if not ticket.started)
-            self._metrics.queue_depth.set(len(self._waiting))
-        if not batch and not self._stopping:  # all were cancelled while they waited
-            return self._take(1)
-        return batch
-
-    def _plan(self, batch: list[Ticket]) -> None:
-        """Plan a batch; if that fails, each by itself, so that one command does not fail the others."""
-        begin, self._bundle.spent[0] = time.perf_counter(), 0.0
-        try:
-            plans = self._plans([ticket.asked for ticket in batch])
-        except Exception as error:
-            if len(batch) > 1:
-                for ticket in batch:
-                    self._plan([ticket])
-            else:
-                self._hand_back(batch[0], _problem(error))
-            return
-        encode = self._bundle.spent[0]
-        decode = time.perf_counter() - begin - encode
-        self._metrics.batch(plans, encode, decode)
-        for ticket, plan in zip(batch, plans, strict=True):
-            queue = begin - ticket.entered
-            self._metrics.queue_time.observe(queue)
-            if not ticket.ready.done():
-                self._hand_back(ticket, Planned(ticket.write(plan), queue, encode, decode))
-
-    def _plans(self, many: list[Asked]) -> list[Plan]:
-        if len(many) == 1:
-            command, friction, limits, start, refine_ms, tolerance = many[0]
-            plan = self._planner.plan(
-                command, friction, limits=limits, start=start, refine_ms=refine_ms, tolerance=tolerance
-            )
-            return [plan]
-        commands, frictions, limits_of, starts, _, tolerances = zip(*many, strict=True)
-        return self._planner.plan_batch(commands, frictions, limits=limits_of, start=starts, tolerance=tolerances[0])
-
-    def _hand_back(self, ticket: Ticket, result: Planned | Problem) -> None:
-        def settle() -> None:
-            if ticket.ready.done():  # given up: its deadline passed, or its client left
-                return
-            if isinstance(result, Problem):
-                ticket.ready.set_exception(result)
-            else:
-                ticket.ready.set_result(result)
-
-        self._loop.call_soon_threadsafe(settle)
+def _settle(ticket: Ticket, result: Planned | Problem) -> None:
+    if ticket.ready.done():  # it has its result, or is given up: its deadline passed, or its client left
+        return
+    if isinstance(result, Problem):
+        ticket.ready.set_exception(result)
+        ticket.ready.exception()  # is seen: a client that has left does not come for it
+    else:
+        ticket.ready.set_result(result)
 
 
 def overloaded() -> Problem:
     """Return what a client is told that should come back a second later."""
     return Problem("overloaded", "try again later", headers={"Retry-After": "1"})
-
-
-def _problem(error: Exception) -> Problem:
-    if isinstance(error, InputError):
-        return Problem("invalid", str(error), "start")
-    log.error("planning failed", exc_info=error)
-    return Problem("failed", "the plan could not be made")

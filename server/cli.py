@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-import sys
 import time
 from pathlib import Path
 from types import FrameType
@@ -27,9 +26,9 @@ log = logging.getLogger("slide-serve")
 BACKLOG = 1024
 """Connections that the system lets wait until they are accepted."""
 
-SWITCH_INTERVAL = 1e-3
-"""How long the planning thread may keep the interpreter from the event loop (s), which lets go of it at every read and
-write: of Python's 5 ms each of them would wait as many."""
+KEEP_ALIVE = 75
+"""How long a connection may be idle (s): longer than the 60 s of common proxies, so that it is they who close it and
+no request meets a connection that is just being closed."""
 
 
 def serve_main() -> None:
@@ -63,7 +62,6 @@ def slide_serve(
     except ValidationError as error:
         raise InputError(_said(error)) from None
     logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
-    sys.setswitchinterval(SWITCH_INTERVAL)
     listening = _listen(settings.host, settings.port)
     app = create_app(settings)
     server = Server(app, settings)
@@ -88,6 +86,7 @@ class Server(uvicorn.Server):
             log_config=None,
             server_header=False,
             timeout_graceful_shutdown=1,
+            timeout_keep_alive=KEEP_ALIVE,
             backlog=BACKLOG,
         )
         super().__init__(config)

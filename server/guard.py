@@ -19,6 +19,9 @@ log = logging.getLogger("slide-serve")
 PROTECTED = ("/plan", "/plans", "/stream", "/info", "/metrics")
 """What needs the token, where there is one; the page, the description and the health are open."""
 
+PLANNING = ("/plan", "/plans")
+"""What is refused when there is too much of it."""
+
 SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
     "object-src 'none'",
@@ -59,15 +62,17 @@ class Guard:
                 headers = MutableHeaders(scope=message)
                 for name, value in SECURITY_HEADERS.items():
                     headers.setdefault(name, value)
-                headers.setdefault("Cache-Control", "no-store")
+                headers.setdefault("Cache-Control", "no-cache" if "etag" in headers else "no-store")
             await send(message)
 
         try:
             if scope["path"] in PROTECTED and not carries_token(scope, self._service.settings):
-                problem = Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
-                await problem.response()(scope, receive, send_with_headers)
-            else:
-                await self._app(scope, receive, send_with_headers)
+                raise Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
+            if scope["path"] in PLANNING and scope["method"] == "POST":
+                self._service.check_room()  # here it costs least: nothing has been looked at
+            await self._app(scope, receive, send_with_headers)
+        except Problem as problem:
+            await problem.response()(scope, receive, send_with_headers)
         except ClientDisconnect:
             status = status or CLIENT_LEFT
         except Exception:

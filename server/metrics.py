@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
-from runtime import Plan
+from server.worker import Made
 
 SECONDS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
@@ -36,14 +36,14 @@ class Metrics:
         self.streams = Gauge("slide_streams", "Streams open.", registry=registry)
         self.chunks = Counter("slide_stream_chunks", "Chunks given to streams.", registry=registry)
 
-    def batch(self, plans: Sequence[Plan], encode: float, decode: float) -> None:
-        """Count plans that were made together, and the time that took (s)."""
-        self.batch_size.observe(len(plans))
-        self.encode_time.observe(encode)
-        self.decode_time.observe(decode)
-        self.samples.inc(sum(map(len, plans)))
-        for plan in plans:
-            self.plans.labels(plan.quality.status.value).inc()
+    def plan(self, made: Made, samples: int) -> None:
+        """Count a plan, and with the first of those made together, the time that took."""
+        if made.together:
+            self.batch_size.observe(made.together)
+            self.encode_time.observe(made.encode)
+            self.decode_time.observe(made.decode)
+        self.samples.inc(samples)
+        self.plans.labels(made.status).inc()
 
     def text(self) -> bytes:
         """Return the page that Prometheus reads."""

@@ -11,12 +11,11 @@ from fastapi import APIRouter, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response, StreamingResponse
 
-from runtime import Plan
 from server.batching import Planned, Ticket, overloaded
 from server.body import read_body
 from server.openapi import REFERENCE, problems
 from server.problems import MEDIA_TYPE, Problem
-from server.schemas import Asked, PlanRequest, PlansRequest, asked, commands, read
+from server.schemas import PlanRequest, PlansRequest, asked, commands, read
 from server.service import Service
 from server.settings import Settings
 
@@ -52,7 +51,7 @@ async def plan(request: Request) -> Response:
         wanted = read(PlanRequest, await read_body(request, service.settings))
         (command,) = commands({"command": wanted.command}, service.settings.max_samples)
         one = asked(wanted, command, dispatcher.manifest, service.settings)
-        (ticket,) = dispatcher.submit([one], Plan.to_npz if media_type == NPZ else encode)
+        (ticket,) = dispatcher.submit([one._replace(npz=media_type == NPZ)])
         planned = await settled(request, ticket, service.settings)
     return Response(planned.body, media_type=media_type, headers={"Server-Timing": planned.timing()})
 
@@ -79,8 +78,8 @@ async def plans(request: Request) -> Response:
             raise Problem("invalid", f"at most {service.settings.max_commands} commands are taken", "commands")
         places = {f"commands[{index}]": command for index, command in enumerate(wanted.commands)}
         found = commands(places, service.settings.max_samples)
-        many: list[Asked] = [asked(wanted, command, dispatcher.manifest, service.settings) for command in found]
-        tickets = dispatcher.submit(many, encode)
+        many = [asked(wanted, command, dispatcher.manifest, service.settings) for command in found]
+        tickets = dispatcher.submit(many)
     return StreamingResponse(_lines(service, tickets), media_type=NDJSON)
 
 
@@ -131,11 +130,6 @@ async def settled(request: Request, ticket: Ticket, settings: Settings) -> Plann
 async def _gone(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
-
-
-def encode(plan: Plan) -> bytes:
-    """Return the plan's JSON document; every float keeps all its digits."""
-    return orjson.dumps(plan.document(), option=orjson.OPT_SERIALIZE_NUMPY)
 
 
 def accepted(request: Request, offered: tuple[str, ...]) -> str:

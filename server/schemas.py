@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, NamedTuple, Self, TypeVar
+from typing import Annotated, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
 
-from runtime import Command, Friction, InputError, Limits, Start
+from runtime import Command, Friction, InputError, Start
 from runtime.bundle import Manifest
 from runtime.friction import DT
 from server.problems import Problem
 from server.settings import Settings
+from server.worker import Asked
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -110,17 +111,6 @@ class PlansRequest(Options):
     """Many commands to be planned, all with the same options."""
 
     commands: Annotated[list[CommandRequest], FailFast(), Field(min_length=1)]
-
-
-class Asked(NamedTuple):
-    """What is to be planned, in the runtime's terms."""
-
-    command: Command
-    friction: Friction
-    limits: Limits
-    start: Start
-    refine_ms: float | None = None
-    tolerance: float | None = None
 
 
 def read(model: type[Model], body: bytes) -> Model:

@@ -5,34 +5,20 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
 
-import numpy as np
-
-from runtime import BundleError, Planner, SlideError, Status
+from runtime import Planner, SlideError
 from server.batching import Dispatcher, overloaded
 from server.metrics import Metrics
 from server.problems import Problem
 from server.settings import Settings
+from server.worker import Order
 
 log = logging.getLogger("slide-serve")
 
-GOLDEN_REACH = 0.05
-GOLDEN_SAMPLES = 777
-"""The golden command: a minimum-jerk move of this length (m) in so many samples, which is no multiple of a chunk."""
-
-STREAM_THREADS = 2
-
-Result = TypeVar("Result")
-
-AGREEMENT = 1e-6
-"""Largest distance (m) between a plan made alone and the same one made in a batch."""
-
 
 class Service:
-    """One server's planner and state; lives as long as the application.
+    """One server's planners and state; lives as long as the application.
 
     Attributes:
         settings: what the server was told.
@@ -40,7 +26,7 @@ class Service:
         in_flight: requests being answered.
         streams: streams open.
         stopping: whether the server takes no new work.
-        failure: why the planner could not be made ready; None while there is hope.
+        failure: why no plans can be made; None while there is hope.
         on_failure: called then.
     """
 
@@ -54,31 +40,24 @@ class Service:
         self.on_failure: Callable[[], None] = lambda: None
         self._planner: Planner | None = None
         self._dispatcher: Dispatcher | None = None
-        # Steps take no turns with plans: a controller waits for them.
-        self._stream_threads = ThreadPoolExecutor(STREAM_THREADS, thread_name_prefix="stream")
 
-    async def make_ready(self) -> None:
-        """Load the bundle and try it out; from then on the server is ready."""
+    async def run(self) -> None:
+        """Load the bundle, for the streams, and keep a process that plans with it, until cancelled."""
+        settings = self.settings
         try:
-            self._planner = await asyncio.to_thread(checked_planner, self.settings)
+            self._planner = await asyncio.to_thread(Planner, settings.model, sha256=settings.bundle_sha256)
+            bundle = self._planner.bundle
+            order = Order(settings.model, bundle.sha256, settings.max_refine_ms > 0.0)
+            self._dispatcher = Dispatcher(order, bundle.manifest, settings, self.metrics)
+            await self._dispatcher.run()
         except SlideError as error:
             log.error("error: %s", error)
             self.failure = error
             self.on_failure()
-            return
-        self._dispatcher = Dispatcher(self._planner, self.settings, self.metrics)
-        log.info("ready: model %s", self._planner.bundle.manifest.name)
-
-    def stop(self) -> None:
-        """End the planning thread."""
-        self.stopping = True
-        if self._dispatcher is not None:
-            self._dispatcher.stop()
-        self._stream_threads.shutdown(wait=False, cancel_futures=True)
 
     @property
     def planner(self) -> Planner:
-        """The planner.
+        """What streams are followed with.
 
         Raises:
             Problem: `not-ready` or `stopping`.
@@ -106,23 +85,30 @@ class Service:
         """
         if self.stopping:
             raise Problem("stopping", headers={"Retry-After": "1"})
-        if self._dispatcher is None:
+        if self._dispatcher is None or self._dispatcher.process is None:
             raise Problem("not-ready", headers={"Retry-After": "1"})
+
+    def check_room(self) -> None:
+        """Check that one request more can be planned.
+
+        Raises:
+            Problem: `overloaded`, `not-ready` or `stopping`.
+        """
+        if self.dispatcher.full or self.in_flight >= self.settings.max_queue + self.settings.max_batch:
+            raise overloaded()
 
     @contextmanager
     def admitted(self) -> Iterator[Dispatcher]:
         """Count a request as in flight, before anything of its body is read.
 
         Raises:
-            Problem: `overloaded`, `not-ready` or `stopping`.
+            Problem: as `check_room`.
         """
-        dispatcher = self.dispatcher
-        if dispatcher.full or self.in_flight >= self.settings.max_queue + self.settings.max_batch:
-            raise overloaded()
+        self.check_room()
         self.in_flight += 1
         self.metrics.in_flight.inc()
         try:
-            yield dispatcher
+            yield self.dispatcher
         finally:
             self.in_flight -= 1
             self.metrics.in_flight.dec()
@@ -137,31 +123,3 @@ class Service:
         finally:
             self.streams -= 1
             self.metrics.streams.dec()
-
-    async def in_stream_thread(self, work: Callable[[], Result]) -> Result:
-        """Run a stream's work outside the event loop."""
-        return await asyncio.get_running_loop().run_in_executor(self._stream_threads, work)
-
-
-def checked_planner(settings: Settings) -> Planner:
-    """Load the bundle, whose hashes are checked, and make the golden plan: alone, in a batch, and replayed.
-
-    Raises:
-        BundleError: the bundle cannot be trusted, or the plans do not agree.
-    """
-    planner = Planner(settings.model, sha256=settings.bundle_sha256)
-    s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
-    position = GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
-    plan = planner.plan(position)
-    batch = planner.plan_batch([position, 0.5 * position, position])
-    replayed = plan.replay()[:, :2]
-    differences = [plan.object_position - other for other in (batch[0].object_position, replayed)]
-    differences += [plan.pan_position - batch[2].pan_position]
-    largest = max(float(np.abs(difference).max()) for difference in differences)
-    if not largest <= AGREEMENT:
-        raise BundleError(f"the golden plan differs from itself by {largest:.3g} m, more than {AGREEMENT:g} m")
-    if plan.quality.status is Status.LIMIT_EXCEEDED:
-        raise BundleError(f"the golden plan does not keep its limits: {'; '.join(plan.quality.notes)}")
-    if settings.max_refine_ms > 0.0:
-        planner.plan(position, refine_iterations=1)  # compiles, which takes longer than any deadline
-    return planner

@@ -1,5 +1,7 @@
 """`WS /stream`: a controller's closed loop over the wire, bounded in rate, size and silence.
 
+A step takes half a millisecond, less than to hand it to a thread and back on a busy machine: the event loop takes it.
+
 The first message opens the stream, as JSON: {"format": "slide-stream/1", "command": ..., "packed": false} and the
 options of a plan. The answer says what decodes. From then on each message is a step, numbered from 0, and each answer
 the chunk of that number; see `runtime.wire`. A JSON step may carry another "command" to follow from then on, or a
@@ -10,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from functools import partial
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
@@ -152,9 +153,7 @@ async def _follow(socket: WebSocket, service: Service, planner: Planner) -> None
     (command,) = commands({"command": request.command}, settings.max_samples)
     one = asked(request, command, manifest, settings)
     try:
-        following = await service.in_stream_thread(
-            lambda: planner.stream(one.command, one.friction, limits=one.limits, start=one.start)
-        )
+        following = planner.stream(one.command, one.friction, limits=one.limits, start=one.start)
     except InputError as error:
         raise Problem("invalid", str(error), "start") from None
     model = {"name": manifest.name, "sha256": planner.bundle.sha256}
@@ -168,7 +167,7 @@ async def _follow(socket: WebSocket, service: Service, planner: Planner) -> None
         if turn.step.sequence != expected:
             raise Problem("invalid", f"step {expected} is expected", "sequence")
         try:
-            chunk = await service.in_stream_thread(partial(turn.take, following))
+            chunk = turn.take(following)
         except InputError as error:
             raise Problem("invalid", str(error)) from None
         service.metrics.chunks.inc()

@@ -1,0 +1,224 @@
+"""The planning process: it plans, judges and writes, so that the server's event loop has only bytes to move.
+
+The server starts it with one end of a socket and sends an Order; the answer is what is wrong, or nothing, "". From then
+on each list of Asked is one batch, answered by a Made or a Failed for each of it, as soon as it is written. The process
+ends when the socket does. Messages are pickled, which is safe between two programs that are one, and preceded by their
+length.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import signal
+import socket
+import struct
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import orjson
+
+from runtime import BundleError, Command, Friction, InputError, Limits, Plan, Planner, SlideError, Start, Status
+from runtime.bundle import Bundle, DecoderState, Float32Array
+from runtime.friction import compile_law
+
+log = logging.getLogger("slide-serve")
+
+LENGTH = struct.Struct("<Q")
+
+BUFFER = 1 << 20
+"""Bytes that may wait between the processes, as far as the system allows: about three plans."""
+
+GOLDEN_REACH = 0.05
+GOLDEN_SAMPLES = 777
+"""The golden command: a minimum-jerk move of this length (m) in so many samples, which is no multiple of a chunk."""
+
+AGREEMENT = 1e-6
+"""Largest distance (m) between a plan made alone and the same one made in a batch."""
+
+
+class Order(NamedTuple):
+    """What the process plans with.
+
+    Attributes:
+        model: the bundle's folder; the shipped one if None.
+        sha256: what the bundle must have.
+        refine: whether plans will be refined.
+    """
+
+    model: Path | None
+    sha256: str
+    refine: bool
+
+
+class Asked(NamedTuple):
+    """What is to be planned, in the runtime's terms; written as npz or as JSON."""
+
+    command: Command
+    friction: Friction
+    limits: Limits
+    start: Start
+    refine_ms: float | None = None
+    tolerance: float | None = None
+    npz: bool = False
+
+
+class Made(NamedTuple):
+    """A plan as it is sent.
+
+    Attributes:
+        number: of what was asked, in its batch, from 0.
+        body: the plan, written.
+        status: of the plan.
+        together: plans made together, said with the first of them; 0 with the others.
+        encode, decode: time in the encoder, and in all the rest of the planning, of all made together (s).
+        write: time to write this plan (s).
+    """
+
+    number: int
+    body: bytes
+    status: str
+    together: int
+    encode: float
+    decode: float
+    write: float
+
+
+class Failed(NamedTuple):
+    """A plan that could not be made; what is wrong with what was asked, or nothing, "", if it is not to blame."""
+
+    number: int
+    wrong: str
+
+
+@dataclass(frozen=True, eq=False)
+class TimedBundle(Bundle):
+    """A bundle that adds up the time its encoder takes (s); for one thread."""
+
+    spent: list[float] = field(default_factory=lambda: [0.0])
+
+    def encode(self, command: Float32Array) -> DecoderState:
+        """Read commands, as every bundle does."""
+        begin = time.perf_counter()
+        try:
+            return super().encode(command)
+        finally:
+            self.spent[0] += time.perf_counter() - begin
+
+
+class Worker:
+    """The process's side of the socket."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection, self._reader = connection, connection.makefile("rb")
+
+    def run(self) -> None:
+        """Plan until the server hangs up."""
+        try:
+            planner = prepared_planner(self._receive())
+        except SlideError as error:
+            self._send(str(error))
+            return
+        self._bundle = planner.bundle = TimedBundle(**vars(planner.bundle))
+        self._planner = planner
+        self._send("")
+        while True:
+            many = self._receive()
+            self._plan(many, range(len(many)))
+
+    def _plan(self, many: list[Asked], indices: range) -> None:
+        """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
+        begin, self._bundle.spent[0] = time.perf_counter(), 0.0
+        try:
+            plans = self._plans([many[index] for index in indices])
+        except Exception as error:
+            if len(indices) > 1:
+                for index in indices:
+                    self._plan(many, range(index, index + 1))
+                return
+            if not isinstance(error, InputError):
+                log.exception("planning failed")
+            self._send(Failed(indices[0], str(error) if isinstance(error, InputError) else ""))
+            return
+        encode, together = self._bundle.spent[0], len(indices)
+        decode = time.perf_counter() - begin - encode
+        for index, plan in zip(indices, plans, strict=True):
+            begin = time.perf_counter()
+            body = plan.to_npz() if many[index].npz else as_json(plan)
+            write = time.perf_counter() - begin
+            self._send(Made(index, body, plan.quality.status.value, together, encode, decode, write))
+            together = 0
+
+    def _plans(self, many: list[Asked]) -> list[Plan]:
+        if len(many) == 1:
+            command, friction, limits, start, refine_ms, tolerance, _ = many[0]
+            plan = self._planner.plan(
+                command, friction, limits=limits, start=start, refine_ms=refine_ms, tolerance=tolerance
+            )
+            return [plan]
+        commands, frictions, limits_of, starts, _, tolerances, _ = zip(*many, strict=True)
+        return self._planner.plan_batch(commands, frictions, limits=limits_of, start=starts, tolerance=tolerances[0])
+
+    def _receive(self) -> Any:
+        """Return the next message.
+
+        Raises:
+            EOFError: the server is gone.
+        """
+        head = self._reader.read(LENGTH.size)
+        if len(head) < LENGTH.size:
+            raise EOFError
+        return pickle.loads(self._reader.read(*LENGTH.unpack(head)))
+
+    def _send(self, message: object) -> None:
+        self._connection.sendall(packed(message))
+
+
+def packed(message: object) -> bytes:
+    """Return a message as it is sent."""
+    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+    return LENGTH.pack(len(data)) + data
+
+
+def as_json(plan: Plan) -> bytes:
+    """Return the plan's JSON document; every float keeps all its digits."""
+    return orjson.dumps(plan.document(), option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def prepared_planner(order: Order) -> Planner:
+    """Load the bundle, whose hashes are checked, and make the golden plan: alone, in a batch, and replayed.
+
+    Raises:
+        BundleError: the bundle cannot be trusted, or the plans do not agree.
+    """
+    planner = Planner(order.model, sha256=order.sha256)
+    compile_law()
+    s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
+    position = GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
+    plan = planner.plan(position)
+    batch = planner.plan_batch([position, 0.5 * position, position])
+    replayed = plan.replay()[:, :2]
+    differences = [plan.object_position - other for other in (batch[0].object_position, replayed)]
+    differences += [plan.pan_position - batch[2].pan_position]
+    largest = max(float(np.abs(difference).max()) for difference in differences)
+    if not largest <= AGREEMENT:
+        raise BundleError(f"the golden plan differs from itself by {largest:.3g} m, more than {AGREEMENT:g} m")
+    if plan.quality.status is Status.LIMIT_EXCEEDED:
+        raise BundleError(f"the golden plan does not keep its limits: {'; '.join(plan.quality.notes)}")
+    if order.refine:
+        planner.plan(position, refine_iterations=1)  # compiles, which takes longer than any deadline
+    return planner
+
+
+def main() -> None:
+    """Run the process; the argument is the number of its end of the socket, which it inherits."""
+    for stop in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a terminal or a service: the server stops
+        signal.signal(stop, signal.SIG_IGN)
+    logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
+    with socket.socket(fileno=int(sys.argv[1])) as connection, suppress(EOFError, ConnectionError):
+        Worker(connection).run()
