@@ -30,7 +30,7 @@ from runtime.decoding import chunk_count
 from server.metrics import Metrics
 from server.problems import Problem
 from server.settings import Settings
-from server.worker import BUFFER, LENGTH, Asked, Failed, Made, Order, packed
+from server.worker import BUFFER, LENGTHS, Asked, Failed, Made, Order, packed
 
 log = logging.getLogger("slide-serve")
 
@@ -52,10 +52,6 @@ class Planned(NamedTuple):
     encode: float
     decode: float
     write: float
-
-    def timing(self) -> str:
-        """Return the value of the header `Server-Timing`."""
-        return ", ".join(f"{name};dur={getattr(self, name) * 1e3:.2f}" for name in self._fields[1:])
 
 
 @dataclass(eq=False)
@@ -82,6 +78,21 @@ class Ticket:
         together = mine.refine_ms is None and its.refine_ms is None and mine.tolerance == its.tolerance
         return together and self.chunks == other.chunks
 
+    def settle(self, result: Planned | Problem) -> None:
+        """Say what came of it, unless that is known, or nobody waits for it any more."""
+        if self.ready.done():
+            return
+        if isinstance(result, Problem):
+            self.ready.set_exception(result)
+            self.ready.exception()  # is seen: a client that has left does not come for it
+        else:
+            self.ready.set_result(result)
+
+    def turn_over(self) -> None:
+        """Send it away if its turn has not come."""
+        if not self.started:
+            self.settle(overloaded())
+
 
 class Process:
     """The server's side of a planning process."""
@@ -105,7 +116,7 @@ class Process:
         it = cls(process, *await asyncio.open_connection(sock=ours, limit=BUFFER))
         try:
             it.send(order)
-            wrong = await it.receive()
+            wrong, _ = await it.receive()
             if wrong:
                 raise BundleError(wrong)
         except EOFError:
@@ -124,15 +135,15 @@ class Process:
         """Send a message; it goes as the process reads."""
         self._writer.write(packed(message))
 
-    async def receive(self) -> Any:
-        """Return the next message.
+    async def receive(self) -> tuple[Any, bytes]:
+        """Return the next message and what follows it.
 
         Raises:
             EOFError: the process has ended.
         """
         try:
-            (length,) = LENGTH.unpack(await self._reader.readexactly(LENGTH.size))
-            return pickle.loads(await self._reader.readexactly(length))
+            length, follows = LENGTHS.unpack(await self._reader.readexactly(LENGTHS.size))
+            return pickle.loads(await self._reader.readexactly(length)), await self._reader.readexactly(follows)
         except (asyncio.IncompleteReadError, ConnectionError):
             raise EOFError from None
 
@@ -222,7 +233,7 @@ class Dispatcher:
                 code = await process.end()
             log.error("the planning process %s (%d): a new one is started", said, code)
             for ticket in self._waiting:
-                _settle(ticket, Problem("not-ready", headers={"Retry-After": "1"}))
+                ticket.settle(Problem("not-ready", headers={"Retry-After": "1"}))
             self._wait()
 
     async def _work(self, process: Process) -> None:
@@ -241,7 +252,7 @@ class Dispatcher:
                     await self._plan(process, batch)
             finally:
                 for ticket in batch:
-                    _settle(ticket, Problem("failed", "the planning process ended"))
+                    ticket.settle(Problem("failed", "the planning process ended"))
 
     async def _take(self, last: int) -> list[Ticket]:
         """Wait for commands and return the oldest with all that fit it."""
@@ -263,17 +274,18 @@ class Dispatcher:
         begin = self._busy_since = time.perf_counter()
         process.send([ticket.asked for ticket in batch])
         for _ in batch:
-            answer: Made | Failed = await process.receive()
+            answer: Made | Failed
+            answer, body = await process.receive()
             ticket = batch[answer.number]
             queue = begin - ticket.entered
             self._metrics.queue_time.observe(queue)
             if isinstance(answer, Made):
                 self._metrics.plan(answer, len(ticket.asked.command))
-                _settle(ticket, Planned(answer.body, queue, answer.encode, answer.decode, answer.write))
+                ticket.settle(Planned(body, queue, answer.encode, answer.decode, answer.write))
             elif answer.wrong:
-                _settle(ticket, Problem("invalid", answer.wrong, "start"))
+                ticket.settle(Problem("invalid", answer.wrong, "start"))
             else:
-                _settle(ticket, Problem("failed", "the plan could not be made"))
+                ticket.settle(Problem("failed", "the plan could not be made"))
         self._busy_since = None
 
     def _wait(self, *tickets: Ticket) -> None:
@@ -288,16 +300,6 @@ class Dispatcher:
             with suppress(ValueError):
                 self._waiting.remove(ticket)
                 self._metrics.queue_depth.set(len(self._waiting))
-
-
-def _settle(ticket: Ticket, result: Planned | Problem) -> None:
-    if ticket.ready.done():  # it has its result, or is given up: its deadline passed, or its client left
-        return
-    if isinstance(result, Problem):
-        ticket.ready.set_exception(result)
-        ticket.ready.exception()  # is seen: a client that has left does not come for it
-    else:
-        ticket.ready.set_result(result)
 
 
 def overloaded() -> Problem:

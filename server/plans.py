@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -11,7 +12,7 @@ from fastapi import APIRouter, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response, StreamingResponse
 
-from server.batching import Planned, Ticket, overloaded
+from server.batching import Planned, Ticket
 from server.body import read_body
 from server.openapi import REFERENCE, problems
 from server.problems import MEDIA_TYPE, Problem
@@ -48,12 +49,15 @@ async def plan(request: Request) -> Response:
     service: Service = request.app.state.service
     media_type = accepted(request, (JSON, NPZ))
     with service.admitted() as dispatcher:
-        wanted = read(PlanRequest, await read_body(request, service.settings))
+        body = await read_body(request, service.settings)
+        begin = time.perf_counter()
+        wanted = read(PlanRequest, body)
         (command,) = commands({"command": wanted.command}, service.settings.max_samples)
         one = asked(wanted, command, dispatcher.manifest, service.settings)
+        reading = time.perf_counter() - begin
         (ticket,) = dispatcher.submit([one._replace(npz=media_type == NPZ)])
         planned = await settled(request, ticket, service.settings)
-    return Response(planned.body, media_type=media_type, headers={"Server-Timing": planned.timing()})
+    return Response(planned.body, media_type=media_type, headers={"Server-Timing": timing(planned, reading)})
 
 
 @router.post(
@@ -108,28 +112,37 @@ async def settled(request: Request, ticket: Ticket, settings: Settings) -> Plann
         Problem: `overloaded`, `deadline`, or what became of the planning.
         ClientDisconnect: the client left.
     """
+    loop = asyncio.get_running_loop()
+    late = Problem("deadline", f"the plan was not ready within {settings.deadline:g} s")
     turn = min(settings.max_wait, settings.deadline)
+    timers = (
+        loop.call_later(turn, ticket.turn_over),
+        loop.call_later(settings.deadline, ticket.settle, late),
+    )
     gone = asyncio.ensure_future(_gone(request))
-    either: set[asyncio.Future[Any]] = {ticket.ready, gone}
+    gone.add_done_callback(lambda _: ticket.ready.cancel())
     try:
-        await asyncio.wait(either, timeout=turn, return_when=asyncio.FIRST_COMPLETED)
-        if ticket.started:
-            await asyncio.wait(either, timeout=settings.deadline - turn, return_when=asyncio.FIRST_COMPLETED)
+        return await ticket.ready
+    except asyncio.CancelledError:
         if gone.done():
-            raise ClientDisconnect
-        if ticket.ready.done():
-            return ticket.ready.result()
-        if ticket.started:
-            raise Problem("deadline", f"the plan was not ready within {settings.deadline:g} s")
-        raise overloaded()
+            raise ClientDisconnect from None
+        raise
     finally:
-        ticket.ready.cancel()
         gone.cancel()
+        for timer in timers:
+            timer.cancel()
 
 
 async def _gone(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
+
+
+def timing(planned: Planned, reading: float) -> str:
+    """Return the value of the header `Server-Timing` (ms): reading the request, waiting, planning, writing the plan."""
+    _, queue, encode, decode, write = planned
+    times = {"read": reading, "queue": queue, "encode": encode, "decode": decode, "write": write}
+    return ", ".join(f"{name};dur={duration * 1e3:.2f}" for name, duration in times.items())
 
 
 def accepted(request: Request, offered: tuple[str, ...]) -> str:

@@ -2,8 +2,8 @@
 
 The server starts it with one end of a socket and sends an Order; the answer is what is wrong, or nothing, "". From then
 on each list of Asked is one batch, answered by a Made or a Failed for each of it, as soon as it is written. The process
-ends when the socket does. Messages are pickled, which is safe between two programs that are one, and preceded by their
-length.
+ends when the socket does. Messages are pickled, which is safe between two programs that are one. The plan itself comes
+after its message as it is: to pickle it would copy it three times more. The lengths of both go before.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from runtime.friction import compile_law
 
 log = logging.getLogger("slide-serve")
 
-LENGTH = struct.Struct("<Q")
+LENGTHS = struct.Struct("<QQ")
 
 BUFFER = 1 << 20
 """Bytes that may wait between the processes, as far as the system allows: about three plans."""
@@ -69,11 +69,10 @@ class Asked(NamedTuple):
 
 
 class Made(NamedTuple):
-    """A plan as it is sent.
+    """What there is to say of a plan, which comes after it.
 
     Attributes:
         number: of what was asked, in its batch, from 0.
-        body: the plan, written.
         status: of the plan.
         together: plans made together, said with the first of them; 0 with the others.
         encode, decode: time in the encoder, and in all the rest of the planning, of all made together (s).
@@ -81,7 +80,6 @@ class Made(NamedTuple):
     """
 
     number: int
-    body: bytes
     status: str
     together: int
     encode: float
@@ -151,7 +149,7 @@ class Worker:
             begin = time.perf_counter()
             body = plan.to_npz() if many[index].npz else as_json(plan)
             write = time.perf_counter() - begin
-            self._send(Made(index, body, plan.quality.status.value, together, encode, decode, write))
+            self._send(Made(index, plan.quality.status.value, together, encode, decode, write), body)
             together = 0
 
     def _plans(self, many: list[Asked]) -> list[Plan]:
@@ -170,19 +168,20 @@ class Worker:
         Raises:
             EOFError: the server is gone.
         """
-        head = self._reader.read(LENGTH.size)
-        if len(head) < LENGTH.size:
+        head = self._reader.read(LENGTHS.size)
+        if len(head) < LENGTHS.size:
             raise EOFError
-        return pickle.loads(self._reader.read(*LENGTH.unpack(head)))
+        return pickle.loads(self._reader.read(LENGTHS.unpack(head)[0]))
 
-    def _send(self, message: object) -> None:
-        self._connection.sendall(packed(message))
+    def _send(self, message: object, plan: bytes = b"") -> None:
+        self._connection.sendall(packed(message, len(plan)))
+        self._connection.sendall(plan)
 
 
-def packed(message: object) -> bytes:
-    """Return a message as it is sent."""
+def packed(message: object, follows: int = 0) -> bytes:
+    """Return a message as it is sent, with the lengths before it; so many bytes will follow it."""
     data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
-    return LENGTH.pack(len(data)) + data
+    return LENGTHS.pack(len(data), follows) + data
 
 
 def as_json(plan: Plan) -> bytes:
