@@ -61,7 +61,7 @@ def received(connection: socket.socket) -> bytes:
 def running(**settings: Any) -> Iterator[Running]:
     """Run a server with these settings until the block is left."""
     listening = socket.create_server(("127.0.0.1", 0))
-    app = create_app(Settings(**{"port": 0, **settings}))
+    app = create_app(Settings(**{"port": 0, "max_refine_ms": 0.0, **settings}))  # a process that refines compiles first
     server = Server(app, app.state.service.settings)
     thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])), daemon=True)
     thread.start()
@@ -86,7 +86,7 @@ def run_server() -> Callable[..., Any]:
 
 @pytest.fixture(scope="session")
 def server() -> Iterator[Running]:
-    with running() as it:
+    with running(max_refine_ms=200.0) as it:
         yield it
 
 

@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -20,8 +19,8 @@ from typing import Any
 import httpx
 import pytest
 
-from runtime.bundle import Bundle
 from runtime.planner import DEFAULT_BUNDLE
+from server.client import Client
 
 from .conftest import ask, received, wait_for
 
@@ -162,45 +161,116 @@ def test_slow_header_and_slow_body_are_given_up(run_server: Callable[..., Any], 
         assert server.raw(head).startswith(b"HTTP/1.1 408 ")
 
 
+@contextmanager
+def stopped(server: Any) -> Iterator[None]:
+    """Let the planning process stand still, as if a decoder hung."""
+    process = server.service.dispatcher.process
+    os.kill(process, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(process, signal.SIGCONT)
+
+
 def test_decoder_that_hangs_times_out_and_the_worker_lives_on(
-    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
     with run_server(deadline=0.5) as server:
-        threads = threading.active_count()
-        decode_step, hang = Bundle.decode_step, [2.0]
-
-        def hanging(*args: Any) -> Any:
-            if hang:
-                time.sleep(hang.pop())
-            return decode_step(*args)
-
-        monkeypatch.setattr(Bundle, "decode_step", hanging)
-        begin = time.monotonic()
-        response = server.post("/plan", json=make_request())
-        assert response.status_code == 504
-        assert response.json()["type"].endswith(":deadline")
-        assert time.monotonic() - begin < 1.8
-        assert server.get("/health/live").status_code == 200
-        wait_for(lambda: server.get("/health/ready").status_code == 503, 1.0)
-        assert server.get("/health/ready").headers["retry-after"] == "1"
+        process = server.service.dispatcher.process
+        with stopped(server):
+            begin = time.monotonic()
+            response = server.post("/plan", json=make_request())
+            assert response.status_code == 504
+            assert response.json()["type"].endswith(":deadline")
+            assert time.monotonic() - begin < 1.8
+            assert server.get("/health/live").status_code == 200
+            wait_for(lambda: server.get("/health/ready").status_code == 503, 1.0)
+            assert server.get("/health/ready").headers["retry-after"] == "1"
+            time.sleep(max(0.0, begin + 2.0 - time.monotonic()))
         wait_for(lambda: server.post("/plan", json=make_request()).status_code == 200)
         assert server.get("/health/ready").status_code == 200
-        assert threading.active_count() <= threads + 1
+        assert server.service.dispatcher.process == process
+
+
+def test_planning_process_that_hangs_for_good_is_replaced(
+    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("server.batching.HANGING", 2.0)
+    with run_server(deadline=0.5) as server:
+        process = server.service.dispatcher.process
+        os.kill(process, signal.SIGSTOP)
+        assert server.post("/plan", json=make_request()).status_code == 504
+        wait_for(lambda: not Path(f"/proc/{process}").exists())
+        wait_for(lambda: server.get("/health/ready").status_code == 200)
+        wait_for(lambda: server.post("/plan", json=make_request()).status_code == 200)
+        assert server.service.dispatcher.process != process
+
+
+def test_planning_process_killed_in_mid_plan_is_replaced_and_nobody_is_left_without_an_answer(
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
+) -> None:
+    with run_server(max_wait=60.0, deadline=60.0) as server, ThreadPoolExecutor(8) as threads:
+        process, dispatcher = server.service.dispatcher.process, server.service.dispatcher
+        with Client(server.url) as client, client.stream([[0.0, 0.0]] * 300) as following:
+            with stopped(server):
+                first = threads.submit(server.post, "/plan", json=make_request())
+                wait_for(lambda: dispatcher.busy > 0.0)
+                waiting = [threads.submit(server.post, "/plan", json=make_request()) for _ in range(6)]
+                wait_for(lambda: server.service.in_flight == 7)
+                os.kill(process, signal.SIGKILL)
+            assert first.result().status_code == 500
+            assert first.result().json()["type"].endswith(":failed")
+            for answer in (each.result() for each in waiting):
+                assert answer.status_code == 503
+                assert answer.json()["type"].endswith(":not-ready")
+                assert answer.headers["retry-after"] == "1"
+            assert server.get("/health/live").status_code == 200
+            assert server.get("/health/ready").status_code == 503
+            assert len(following.step()) == 100
+            wait_for(lambda: server.get("/health/ready").status_code == 200)
+        assert_answers(server, make_request())
+        assert dispatcher.process != process
+
+
+FAILING = """
+from runtime.bundle import Bundle
+from server import worker
+
+load, decode_step = worker.prepared_planner, Bundle.decode_step
+
+def failing(self, observation, memory):
+    if (observation[:, 1] == 0.0625).any():
+        raise RuntimeError("[ONNXRuntimeError] : 1 : FAIL : /secret/path")
+    return decode_step(self, observation, memory)
+
+def prepared(order):
+    planner = load(order)
+    Bundle.decode_step = failing
+    return planner
+
+worker.prepared_planner = prepared
+worker.main()
+"""
+"""A planning process whose decoder fails where a pan begins at y = 0.0625 m."""
 
 
 def test_onnxruntime_exception_is_a_500_and_the_next_plan_is_made(
-    server: Any, make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(*_: Any) -> Any:
-        raise RuntimeError("[ONNXRuntimeError] : 1 : FAIL : /secret/path")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Bundle, "decode_step", failing)
-        response = server.post("/plan", json=make_request())
-    assert response.status_code == 500
-    assert response.json()["type"].endswith(":failed")
-    assert "secret" not in response.text
-    assert_answers(server, make_request())
+    monkeypatch.setattr("server.batching.COMMAND", [sys.executable, "-c", FAILING])
+    failing = make_request(start={"pan_position": [0.0, 0.0625]})
+    with run_server(max_wait=60.0, deadline=60.0) as server, ThreadPoolExecutor(8) as threads:
+        process = server.service.dispatcher.process
+        with stopped(server):  # so that they are planned together
+            requests = [make_request(), *([failing, make_request()] * 3)]
+            asked = [threads.submit(server.post, "/plan", json=request) for request in requests]
+            wait_for(lambda: server.service.in_flight == len(requests))
+        answers = [each.result() for each in asked]
+        assert [answer.status_code for answer in answers] == [200, 500, 200, 500, 200, 500, 200]
+        assert answers[1].json()["type"].endswith(":failed")
+        assert "secret" not in answers[1].text
+        assert_answers(server, make_request())
+        assert server.service.dispatcher.process == process
 
 
 def test_full_disk_stops_no_plan(make_request: Callable[..., Any], tmp_path: Path) -> None:
@@ -245,43 +315,61 @@ def test_bundle_of_another_sha256_is_refused() -> None:
 
 
 def test_queue_that_is_full_says_when_to_come_back(
-    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
-    with run_server(max_queue=2, deadline=10.0) as server, ThreadPoolExecutor(16) as threads:
-        gate, decode_step = threading.Event(), Bundle.decode_step
-
-        def held(*args: Any) -> Any:
-            gate.wait(10.0)
-            return decode_step(*args)
-
-        monkeypatch.setattr(Bundle, "decode_step", held)
-        asked = [threads.submit(server.post, "/plan", json=make_request()) for _ in range(12)]
-        time.sleep(1.0)
-        assert server.get("/health/live").status_code == 200
-        gate.set()
+    with run_server(max_queue=2, deadline=10.0, max_wait=10.0) as server, ThreadPoolExecutor(16) as threads:
+        with stopped(server):
+            asked = [threads.submit(server.post, "/plan", json=make_request()) for _ in range(12)]
+            wait_for(lambda: server.service.dispatcher.full)
+            assert server.get("/health/live").status_code == 200
+            wait_for(lambda: sum(each.done() for each in asked) == 9)
         answers = [each.result() for each in asked]
-        assert {answer.status_code for answer in answers} == {200, 503}
+        assert sorted(answer.status_code for answer in answers) == [200] * 3 + [503] * 9
         assert all(answer.headers["retry-after"] == "1" for answer in answers if answer.status_code == 503)
         assert_answers(server, make_request())
 
 
 def test_command_that_waits_too_long_is_sent_away_while_the_one_being_planned_is_finished(
-    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
     with run_server(max_wait=0.2, deadline=60.0) as server, ThreadPoolExecutor(1) as threads:
-        gate, decode_step = threading.Event(), Bundle.decode_step
-
-        def held(*args: Any) -> Any:
-            gate.wait(30.0)
-            return decode_step(*args)
-
-        monkeypatch.setattr(Bundle, "decode_step", held)
-        first = threads.submit(server.post, "/plan", json=make_request())
-        wait_for(lambda: server.service.dispatcher.busy > 0.0)
-        second = server.post("/plan", json=make_request())
-        assert second.status_code == 503
-        assert second.json()["type"].endswith(":overloaded")
-        assert second.headers["retry-after"] == "1"
-        gate.set()
+        with stopped(server):
+            first = threads.submit(server.post, "/plan", json=make_request())
+            wait_for(lambda: server.service.dispatcher.busy > 0.0)
+            second = server.post("/plan", json=make_request())
+            assert second.status_code == 503
+            assert second.json()["type"].endswith(":overloaded")
+            assert second.headers["retry-after"] == "1"
         assert first.result().status_code == 200
         assert_answers(server, make_request())
+
+
+def test_sigterm_while_the_planning_process_compiles_ends_with_0_at_once() -> None:
+    pytest.importorskip("numba")
+    server = Process(SLIDE_MAX_REFINE_MS=200)
+    try:
+        wait_for(lambda: planning_processes(server.process.pid) != [])
+        (planning,) = planning_processes(server.process.pid)
+        # Numba has been loaded, and compiling takes seconds more.
+        wait_for(lambda: "numba" in Path(f"/proc/{planning}/maps").read_text(), 60.0)
+        begin = time.monotonic()
+        server.process.send_signal(signal.SIGTERM)
+        code, said = server.ended()
+        assert code == 0
+        assert time.monotonic() - begin < 10.0
+        assert "ready: model" not in said
+        assert "Traceback" not in said
+        assert not Path(f"/proc/{planning}").exists()
+    finally:
+        server.process.kill()
+
+
+def planning_processes(server: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{server}/task/{server}/children").read_text().split()]
+
+
+def test_planning_process_ends_with_a_server_that_is_killed() -> None:
+    with process() as server:
+        (planning,) = planning_processes(server.process.pid)
+        server.process.kill()
+        wait_for(lambda: not Path(f"/proc/{planning}").exists())
