@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -50,8 +51,7 @@ class Connection:
         try:
             writer.write(request)
             header = (await reader.readuntil(b"\r\n\r\n")).lower()
-            length = int(header.partition(b"content-length: ")[2].partition(b"\r\n")[0])
-            body = await reader.readexactly(length)
+            body = await reader.readexactly(_content_length(header))
         except BaseException:
             self.close()
             raise
@@ -64,6 +64,42 @@ class Connection:
         if self._ends is not None:
             self._ends[1].close()
             self._ends = None
+
+
+class LoneConnection:
+    """One HTTP connection to this machine's `port` that waits for each answer, with next to no cost of its own."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port))
+        self._buffer = bytearray(1 << 20)
+
+    def ask(self, request: bytes) -> Answer:
+        """Send a request and wait for all of its answer, which must say how long it is, and be shorter than 1 MiB.
+
+        Raises:
+            OSError: the connection is lost.
+        """
+        begin, view = time.perf_counter(), memoryview(self._buffer)
+        self._socket.sendall(request)
+        size, needed, end = 0, len(view), -1
+        while size < needed:
+            received = self._socket.recv_into(view[size:])
+            if not received:
+                raise ConnectionError("the server has hung up")
+            size += received
+            if end < 0 and (end := self._buffer.find(b"\r\n\r\n", 0, size)) >= 0:
+                header = bytes(view[: end + 4]).lower()
+                needed = len(header) + _content_length(header)
+        duration = time.perf_counter() - begin
+        return Answer(int(header[9:12]), header, bytes(view[len(header) : needed]), duration)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+
+def _content_length(header: bytes) -> int:
+    return int(header.partition(b"content-length: ")[2].partition(b"\r\n")[0])
 
 
 def get(path: str) -> bytes:

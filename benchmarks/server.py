@@ -1,6 +1,7 @@
 """The server under load: `python -m benchmarks.server`, and with `--soak` for as long as the issue of stability asks.
 
-The server is a process of its own, and so is this load: on two cores they share nothing but the wire.
+The server and its planning are two processes, and this load is a third. Where other programs want the cores too, a
+figure says as much of them as of the server: beside each stands what the processes took of a processor.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,18 +20,19 @@ import numpy as np
 import orjson
 import typer
 
-from benchmarks.load import Answer, Connection, at_rate, get, in_turn, post_plan, probe
+from benchmarks.load import Answer, Connection, LoneConnection, at_rate, get, in_turn, post_plan, probe
 from benchmarks.suite import SAMPLES, spline
 from benchmarks.targets import Target
-from runtime.cli import AsJson, print_json, print_table, run
+from runtime.cli import AsJson, print_json, print_table, run, say
 from runtime.friction import integrate_pan
-from runtime.planner import Planner
 from runtime.remote import RemoteStream
-from server.schemas import PlanRequest, read
-from server.worker import as_json
+from server.client import Client
 
 LONE = 300
 """Requests of a lone client."""
+
+HTTPX = 50
+"""Of these through the client in Python, which reads the answer too."""
 
 CLIENTS = 64
 NONCES = 10_000
@@ -65,15 +67,19 @@ TARGETS = (
 
 
 @contextmanager
-def serving(port: int) -> Iterator[int]:
-    """Run `slide-serve` on a port and give its process's number, once it is ready."""
+def serving(port: int) -> Iterator[list[int]]:
+    """Run `slide-serve` on a port and give the numbers of its two processes, once it is ready."""
     environment = {**os.environ, "SLIDE_PORT": str(port), "OMP_NUM_THREADS": "1", "SLIDE_STREAM_RATE": "1000"}
     process = subprocess.Popen(
-        [Path(sys.executable).with_name("slide-serve")], env=environment, stderr=subprocess.DEVNULL
+        [Path(sys.executable).with_name("slide-serve")],
+        env=environment,
+        stderr=subprocess.DEVNULL,
+        process_group=0,  # what interrupts this program is not for the server
     )
     try:
         asyncio.run(_ready(port))
-        yield process.pid
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        yield [process.pid, *map(int, children)]
     finally:
         process.terminate()
         process.wait(timeout=30.0)
@@ -92,47 +98,47 @@ async def _ready(port: int) -> None:
     raise TimeoutError("the server is never ready")
 
 
-async def measure_lone(port: int, requests: list[bytes]) -> dict[str, float]:
-    """Time a lone client; what is neither planning nor JSON is the server's own cost."""
-    totals, plannings = [], []
-
-    def check(_: int, answer: Answer) -> None:
-        assert answer.status == 200, answer.body[:200]
-        totals.append(answer.duration)
-        plannings.append(planning_time(answer))
-
-    await in_turn(port, 1, requests[:20], lambda *_: None)
-    await in_turn(port, 1, [requests[index % len(requests)] for index in range(LONE)], check)
-    own = float(np.median(np.array(totals) - np.array(plannings))) - json_time(requests[0])
+def measure_lone(port: int, processes: list[int], requests: list[bytes]) -> dict[str, float]:
+    """Time a lone client; what is neither planning nor JSON is the server's own cost, the wire and the client."""
+    connection, answers = LoneConnection(port), []
+    for index in range(20 + LONE):
+        if index == 20:
+            before = [processor_time(each) for each in processes]
+        answers.append(connection.ask(requests[index % len(requests)]))
+        assert answers[-1].status == 200, answers[-1].body[:200]
+    server, planning = (processor_time(each) - at for each, at in zip(processes, before, strict=True))
+    connection.close()
+    totals = np.array([answer.duration for answer in answers[20:]])
+    parts = [server_timing(answer) for answer in answers[20:]]
+    spent = np.array([sum(part[name] for name in ("read", "encode", "decode", "write")) for part in parts])
     p50, p99 = np.percentile(totals, [50.0, 99.0]).tolist()
     return {
         "p50": p50,
         "p99": p99,
-        "planning_p50": float(np.median(plannings)),
-        "own": own,
-        "rate": 1.0 / np.mean(totals),
+        **{f"{name}_p50": float(np.median([part[name] for part in parts])) for name in parts[0]},
+        "own": float(np.median(totals - spent)),
+        "server_processor_time": server / LONE,
+        "planning_processor_time": planning / LONE,
+        "rate": 1.0 / float(np.mean(totals)),
     }
 
 
-def planning_time(answer: Answer) -> float:
-    """Return the time in encoder and decoder that the header Server-Timing tells (s)."""
+def measure_httpx(port: int) -> dict[str, float]:
+    """Time the client in Python: its own JSON, written and read, is in it."""
+    durations, positions = [], spline().positions
+    with Client(f"http://127.0.0.1:{port}") as client:
+        for index in range(HTTPX):
+            begin = time.perf_counter()
+            client.plan(positions[index])
+            durations.append(time.perf_counter() - begin)
+    return {"p50": float(np.median(durations))}
+
+
+def server_timing(answer: Answer) -> dict[str, float]:
+    """Return the times that the header Server-Timing tells (s)."""
     line = answer.header.partition(b"server-timing: ")[2].partition(b"\r\n")[0].decode()
-    parts = dict(part.strip().split(";dur=") for part in line.split(","))
-    return (float(parts["encode"]) + float(parts["decode"])) * 1e-3
-
-
-def json_time(request: bytes) -> float:
-    """Return the time to read this request and to write its answer (s), measured in this process."""
-    body = request.partition(b"\r\n\r\n")[2]
-    plan = Planner().plan(read(PlanRequest, body).command.command())
-
-    def once() -> float:
-        begin = time.perf_counter()
-        read(PlanRequest, body).command.command()
-        as_json(plan)
-        return time.perf_counter() - begin
-
-    return float(np.median([once() for _ in range(50)]))
+    parts = (part.split(";dur=") for part in line.split(", "))
+    return {name: float(milliseconds) * 1e-3 for name, milliseconds in parts}
 
 
 async def measure_clients(port: int, requests: list[bytes], lone_rate: float) -> dict[str, float]:
@@ -208,42 +214,75 @@ def measure_stream(port: int, packed: bool) -> float:
     return float(np.percentile(durations, 99.0))
 
 
-async def measure_soak(port: int, pid: int, requests: list[bytes], peak: float, minutes: float) -> dict[str, float]:
-    """Ask for half as many plans as can be made, for long, and watch what the process holds."""
-    over, held = asyncio.Event(), []
+async def measure_soak(
+    port: int, processes: list[int], requests: list[bytes], peak: float, minutes: float
+) -> dict[str, float]:
+    """Ask for half as many plans as can be made, for long or until interrupted, and watch what the processes hold."""
+    over, begin = asyncio.Event(), time.perf_counter()
+    held: list[list[float]] = []
 
     async def watch() -> None:
-        begin = time.perf_counter()
         while not over.is_set():
-            held.append((time.perf_counter() - begin, *process_state(pid)))
+            elapsed = time.perf_counter() - begin
+            if len(held) % 60 == 0:
+                say("benchmarks.server", f"soak: {elapsed / 60.0:.0f} of {minutes:g} min, {_told(held)}")
+            held.append([elapsed, *(number for each in processes for number in process_state(each))])
             await asyncio.sleep(1.0)
 
     watching = asyncio.create_task(watch())
-    await at_rate(port, 0.5 * peak, minutes * 60.0, requests, CLIENTS)
+    with suppress(asyncio.CancelledError):  # interrupted: what has been seen is told
+        await at_rate(port, 0.5 * peak, minutes * 60.0, requests, CLIENTS)
     over.set()
     await watching
     states = np.array(held[len(held) // 4 :])
-    slope = float(np.polyfit(states[:, 0], states[:, 1], 1)[0]) * 600.0
-    threads, descriptors = (float(states[-10:, column].max() - states[:10, column].max()) for column in (2, 3))
-    return {"minutes": minutes, "slope": slope, "threads": threads, "descriptors": descriptors}
+    slopes = [float(np.polyfit(states[:, 0], states[:, column], 1)[0]) * 600.0 for column in (1, 4)]
+    more = states[-10:].max(axis=0) - states[:10].max(axis=0)
+    return {
+        "minutes": held[-1][0] / 60.0,
+        "slope_server": slopes[0],
+        "slope_planning": slopes[1],
+        "slope": sum(slopes),
+        "threads": float(more[2] + more[5]),
+        "descriptors": float(more[3] + more[6]),
+    }
 
 
-def process_state(pid: int) -> tuple[int, int, int]:
+def _told(held: list[list[float]]) -> str:
+    if not held:
+        return "begun"
+    _, *states = held[-1]
+    names = [f"{which} {what}" for which in ("server", "planning") for what in ("MiB", "threads", "descriptors")]
+    numbers = [
+        f"{it / MIB:.1f}" if name.endswith("MiB") else f"{it:.0f}" for name, it in zip(names, states, strict=True)
+    ]
+    return ", ".join(f"{name} {number}" for name, number in zip(names, numbers, strict=True))
+
+
+def process_state(number: int) -> tuple[int, int, int]:
     """Return a process's resident bytes, threads and open descriptors."""
-    status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines() if ":" in line)
-    return int(status["VmRSS"].split()[0]) << 10, int(status["Threads"]), len(os.listdir(f"/proc/{pid}/fd"))
+    lines = Path(f"/proc/{number}/status").read_text().splitlines()
+    status = dict(line.split(":", 1) for line in lines if ":" in line)
+    return int(status["VmRSS"].split()[0]) << 10, int(status["Threads"]), len(os.listdir(f"/proc/{number}/fd"))
+
+
+def processor_time(number: int) -> float:
+    """Return how long a process has run on a processor (s), in all its threads."""
+    fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
 
 
 def bench_server(
-    soak: Annotated[bool, typer.Option("--soak", help="Flood for 60 s, and 20 minutes at half load.")] = False,
+    soak: Annotated[bool, typer.Option("--soak", help="Flood for 60 s, and long at half load.")] = False,
+    minutes: Annotated[float, typer.Option("--minutes", min=1.0, help="Length of the soak.")] = 20.0,
     port: Annotated[int, typer.Option("--port", help="Port to serve on.")] = 8765,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the server under load, and say what is missed."""
+    """Measure the server under load, and say what is missed; interrupted, tell what has been measured."""
     requests = [post_plan(position) for position in spline().positions]
     results: dict[str, dict[str, Any]] = {"samples": {"each": SAMPLES}}
-    with serving(port) as pid:
-        results["lone"] = lone = asyncio.run(measure_lone(port, requests))
+    with suppress(KeyboardInterrupt), serving(port) as processes:
+        results["lone"] = lone = measure_lone(port, processes, requests)
+        results["httpx"] = measure_httpx(port)
         results["clients"] = clients = asyncio.run(measure_clients(port, requests, lone["rate"]))
         results["nonce"] = asyncio.run(measure_nonce(port))
         seconds = 60.0 if soak else 20.0
@@ -253,7 +292,7 @@ def bench_server(
             "packed_p99": measure_stream(port, packed=True),
         }
         if soak:
-            results["soak"] = asyncio.run(measure_soak(port, pid, requests, clients["rate"], 20.0))
+            results["soak"] = asyncio.run(measure_soak(port, processes, requests, clients["rate"], minutes))
     missed = []
     rows = [
         (f"{name} {key}".replace("_", " "), f"{it:.4g}") for name, part in results.items() for key, it in part.items()
