@@ -40,7 +40,7 @@ COMMAND = [sys.executable, "-P", "-c", "from server.worker import main; main()"]
 HANGING = 6.0
 """Deadlines after which a batch will not be finished any more, and the process is replaced."""
 
-ENDING = 1.0
+ENDING = 0.5
 """Longest time until the process has ended by itself, once the server is done with it (s)."""
 
 

@@ -20,6 +20,9 @@ LINGER = 2.0
 """How long what is left of a body is read and thrown away after the answer (s): a client that is still sending would
 not see the answer if the connection were closed before it."""
 
+WRITE_TIMEOUT = 60.0
+"""How long a client may take to make room for more of an answer (s): while it waits to be sent, it holds a place."""
+
 MAX_CONNECTIONS = 1000
 """Most connections; more than a process may commonly open files is no use."""
 
@@ -30,6 +33,7 @@ class GuardedProtocol(HttpToolsProtocol):
     """One connection; what asyncio and the parser call is named by them."""
 
     _timer: asyncio.TimerHandle | None = None
+    _writing: asyncio.TimerHandle | None = None
     _head = 0
     _in_head = True
     _in_body = False
@@ -43,9 +47,22 @@ class GuardedProtocol(HttpToolsProtocol):
             self._close_after(HEADER_TIMEOUT)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the timer."""
+        """Forget the timers."""
         self._no_timer()
+        self.resume_writing()
         super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        """Give the client its time to read."""
+        super().pause_writing()
+        self._writing = self.loop.call_later(WRITE_TIMEOUT, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """The client has read."""
+        super().resume_writing()
+        if self._writing is not None:
+            self._writing.cancel()
+            self._writing = None
 
     def data_received(self, data: bytes) -> None:
         """Count a header's bytes while it arrives: the parser would take any number of them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -48,6 +49,7 @@ class Service:
             self._planner = await asyncio.to_thread(Planner, settings.model, sha256=settings.bundle_sha256)
             bundle = self._planner.bundle
             order = Order(settings.model, bundle.sha256, settings.max_refine_ms > 0.0)
+            gc.freeze()  # what is loaded stays: it need not be looked through again and again
             self._dispatcher = Dispatcher(order, bundle.manifest, settings, self.metrics)
             await self._dispatcher.run()
         except SlideError as error:

@@ -8,6 +8,7 @@ after its message as it is: to pickle it would copy it three times more. The len
 
 from __future__ import annotations
 
+import gc
 import logging
 import pickle
 import signal
@@ -124,6 +125,7 @@ class Worker:
             return
         self._bundle = planner.bundle = TimedBundle(**vars(planner.bundle))
         self._planner = planner
+        gc.freeze()  # what is loaded stays: it need not be looked through again and again
         self._send("")
         while True:
             many = self._receive()

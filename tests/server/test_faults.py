@@ -172,6 +172,20 @@ def stopped(server: Any) -> Iterator[None]:
         os.kill(process, signal.SIGCONT)
 
 
+def test_client_that_does_not_read_its_answer_is_given_up(
+    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("server.protocol.WRITE_TIMEOUT", 0.3)
+    commands = [make_request(600)["command"]] * 32
+    with run_server() as server, socket.socket() as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.connect(("127.0.0.1", server.port))
+        connection.sendall(post_plan({"commands": commands}, "/plans"))
+        wait_for(lambda: server.service.in_flight == 1)
+        wait_for(lambda: server.service.in_flight == 0)
+        assert_answers(server, make_request())
+
+
 def test_decoder_that_hangs_times_out_and_the_worker_lives_on(
     run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:

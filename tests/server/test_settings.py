@@ -94,6 +94,15 @@ def test_slide_serve_says_in_one_line_what_is_wrong(
     assert said.count("\n") == 1
 
 
+def test_page_is_kept_by_browsers_while_it_is_the_same_and_answers_are_not(server: Any) -> None:
+    for path in ("/", "/info"):
+        answer = server.get(path)
+        assert answer.status_code == 200
+        assert answer.headers["cache-control"] == ("no-cache" if path == "/" else "no-store")
+        again = server.get(path, headers={"If-None-Match": answer.headers.get("etag", "*")})
+        assert again.status_code == (304 if path == "/" else 200)
+
+
 def test_page_and_answers_carry_the_headers_that_protect_them(server: Any) -> None:
     for path in ("/", "/health/live", "/nowhere"):
         headers = server.get(path).headers
