@@ -37,7 +37,7 @@ class Service:
         self.in_flight = 0
         self.streams = 0
         self.stopping = False
-        self.failure: SlideError | None = None
+        self.failure: Exception | None = None
         self.on_failure: Callable[[], None] = lambda: None
         self._planner: Planner | None = None
         self._dispatcher: Dispatcher | None = None
@@ -52,7 +52,7 @@ class Service:
             gc.freeze()  # what is loaded stays: it need not be looked through again and again
             self._dispatcher = Dispatcher(order, bundle.manifest, settings, self.metrics)
             await self._dispatcher.run()
-        except SlideError as error:
+        except (SlideError, OSError) as error:
             log.error("error: %s", error)
             self.failure = error
             self.on_failure()
