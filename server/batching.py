@@ -40,6 +40,9 @@ COMMAND = [sys.executable, "-P", "-c", "from server.worker import main; main()"]
 HANGING = 6.0
 """Deadlines after which a batch will not be finished any more, and the process is replaced."""
 
+WATCH = 0.25
+"""How often it is looked, while nothing is planned, whether the process is there (s)."""
+
 ENDING = 0.5
 """Longest time until the process has ended by itself, once the server is done with it (s)."""
 
@@ -130,6 +133,15 @@ class Process:
     def number(self) -> int:
         """Number of the process."""
         return self._process.pid
+
+    def check(self) -> None:
+        """Check that the process is there.
+
+        Raises:
+            EOFError: it has ended.
+        """
+        if self._process.poll() is not None:
+            raise EOFError
 
     def send(self, message: object) -> None:
         """Send a message; it goes as the process reads."""
@@ -245,7 +257,7 @@ class Dispatcher:
         """
         last = 1
         while True:
-            batch = await self._take(last)
+            batch = await self._take(process, last)
             last = len(batch)
             try:
                 async with asyncio.timeout(HANGING * self._settings.deadline):
@@ -254,11 +266,18 @@ class Dispatcher:
                 for ticket in batch:
                     ticket.settle(Problem("failed", "the planning process ended"))
 
-    async def _take(self, last: int) -> list[Ticket]:
-        """Wait for commands and return the oldest with all that fit it."""
+    async def _take(self, process: Process, last: int) -> list[Ticket]:
+        """Wait for commands and return the oldest with all that fit it.
+
+        Raises:
+            EOFError: the process has ended.
+        """
         while not self._waiting:
             self._arrived.clear()
-            await self._arrived.wait()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(WATCH):
+                    await self._arrived.wait()
+            process.check()
         if last > 1 and len(self._waiting) < last:
             await asyncio.sleep(self._settings.batch_window_ms * 1e-3)
         batch: list[Ticket] = []
@@ -268,7 +287,7 @@ class Dispatcher:
                 ticket.started = True
                 batch.append(ticket)
         self._wait(*(ticket for ticket in waiting if not ticket.started))
-        return batch or await self._take(1)  # all were cancelled in the window
+        return batch or await self._take(process, 1)  # all were cancelled in the window
 
     async def _plan(self, process: Process, batch: list[Ticket]) -> None:
         begin = self._busy_since = time.perf_counter()

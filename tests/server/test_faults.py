@@ -246,6 +246,18 @@ def test_planning_process_killed_in_mid_plan_is_replaced_and_nobody_is_left_with
         assert dispatcher.process != process
 
 
+def test_planning_process_killed_while_nothing_is_planned_is_replaced(
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
+) -> None:
+    with run_server() as server:
+        process = server.service.dispatcher.process
+        os.kill(process, signal.SIGKILL)
+        wait_for(lambda: server.get("/health/ready").status_code == 503, 10.0)
+        wait_for(lambda: server.get("/health/ready").status_code == 200)
+        assert server.service.dispatcher.process != process
+        assert_answers(server, make_request())
+
+
 FAILING = """
 from runtime.bundle import Bundle
 from server import worker
@@ -316,6 +328,12 @@ def test_bundle_changed_on_disk_changes_nothing_until_a_start_which_refuses_it(
         (bundle / "decoder_step.onnx").write_bytes(data)
         assert server.post("/plan", json=make_request()).json() == plan
         assert server.get("/info").json() == before
+        (planning,) = planning_processes(server.process.pid)
+        os.kill(planning, signal.SIGKILL)
+        code, said = server.ended()
+        assert code == 2
+        assert "the planning process has ended (-9): a new one is started" in said
+        assert "decoder_step.onnx: sha256 is" in said
     code, said = Process(SLIDE_MODEL=bundle).ended()
     assert code == 2
     assert "decoder_step.onnx: sha256 is" in said
