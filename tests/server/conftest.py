@@ -6,7 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
 import httpx
@@ -86,7 +86,10 @@ def run_server() -> Callable[..., Any]:
 
 @pytest.fixture(scope="session")
 def server() -> Iterator[Running]:
-    with running(max_refine_ms=200.0) as it:
+    with ExitStack() as stack:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("NUMBA_DISABLE_JIT", "1")  # compiling takes ten seconds; the runtime's tests do it
+            it = stack.enter_context(running(max_refine_ms=200.0))
         yield it
 
 
