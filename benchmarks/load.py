@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -145,8 +146,9 @@ class Flood:
 
 
 async def at_rate(port: int, rate: float, seconds: float, requests: Sequence[bytes], connections: int) -> Flood:
-    """Send requests evenly at a rate (1/s)."""
-    flood, free = Flood(), [Connection(port) for _ in range(connections)]
+    """Send requests evenly at a rate (1/s), over connections that are all open before and all in use."""
+    flood, free = Flood(), deque(Connection(port) for _ in range(connections))
+    await asyncio.gather(*(connection.ask(get("/health/live")) for connection in free))
 
     async def one(connection: Connection, request: bytes) -> None:
         try:
@@ -163,7 +165,7 @@ async def at_rate(port: int, rate: float, seconds: float, requests: Sequence[byt
             if not free:
                 flood.unsent += 1
                 continue
-            task = asyncio.create_task(one(free.pop(), requests[sent % len(requests)]))
+            task = asyncio.create_task(one(free.popleft(), requests[sent % len(requests)]))
             tasks.add(task)
             task.add_done_callback(tasks.discard)
         await asyncio.sleep(0.002)
