@@ -11,12 +11,13 @@ from torch import Tensor
 
 from benchmarks.suite import spline
 from benchmarks.timing import Spread, interleave
+from train.batches import Batch, make_batch
 from train.closed_loop import decode
 from train.config import CONFIGURATIONS, Precision, TrainConfig
 from train.losses import Weights, loss_object
 from train.model import Seq2Seq
 from train.rollout import rollout
-from train.trainer import Batch, build_model, make_batch, settle_precision
+from train.trainer import build_model, settle_precision
 
 BATCH = 64
 SAMPLES = 1000

@@ -10,10 +10,11 @@ import numpy as np
 import torch
 
 from runtime import Friction, Planner
+from train.batches import Batch, make_batch
 from train.closed_loop import decode
 from train.commands import FAMILIES, FloatArray, free_commands
 from train.model import Seq2Seq
-from train.trainer import Batch, load_checkpoint, load_model, make_batch
+from train.trainer import load_checkpoint, load_model
 
 SEED = 11
 COMMANDS = 64
