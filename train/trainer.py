@@ -102,7 +102,7 @@ class Trainer:
         self.model = build_model(config).to(self.device)
         self.decoding: nn.Module = Decoding(self.model)
         if processes() > 1:
-            self.decoding = DistributedDataParallel(self.decoding, broadcast_buffers=False)
+            self.decoding = DistributedDataParallel(self.decoding)
         self.average = AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.average))  # type: ignore[no-untyped-call]
         self.optimizer = torch.optim.Adam(self.model.parameters(), lr=config.learning_rate)
         self.steps_per_epoch = config.trajectories // config.batch
