@@ -201,9 +201,9 @@ def command_chunks(command: Command, manifest: Manifest, first: int, last: int) 
     part = slice(first * chunk, (last + manifest.command_ahead) * chunk)
     position, velocity = command.position[part], command.velocity[part]
     samples = len(position)
-    rows = np.zeros((part.stop - part.start, 4))
-    rows[:samples, :2] = position
+    origin = command.position[min(part.start, len(command) - 1)]
+    rows = np.zeros((part.stop - part.start, 4), dtype=np.float32)
+    rows[:samples, :2] = position - origin
     rows[:samples, 2:] = velocity
-    rows[samples:, :2] = command.position[-1]
-    rows[:, :2] -= command.position[min(part.start, len(command) - 1)]
-    return rows.astype(np.float32).reshape(-1, 4 * chunk)
+    rows[samples:, :2] = command.position[-1] - origin
+    return rows.reshape(-1, 4 * chunk)

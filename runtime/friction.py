@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -153,7 +154,8 @@ def rollout(state: FloatArray, acceleration: FloatArray, friction: Friction, dt:
     for ux, uy in acceleration.tolist():
         px, py, vx, vy = slide_step(px, py, vx, vy, ux, uy, static_limit, kinetic_limit, dt)
         states.append((px, py, vx, vy))
-    return np.array(states, dtype=np.float64).reshape(-1, 4)
+    # An array is made of numbers in half the time that it takes of tuples.
+    return np.fromiter(chain.from_iterable(states), np.float64, 4 * len(states)).reshape(-1, 4)
 
 
 def slide_along(
@@ -271,8 +273,9 @@ def integrate_pan(state: FloatArray, acceleration: FloatArray, dt: float = DT) -
     Returns:
         (..., n, 4) pan states after each sample.
     """
-    start = state[..., None, :]
-    velocity = start[..., 2:] + np.cumsum(acceleration, axis=-2) * dt
+    out = np.empty((*acceleration.shape[:-1], 4))
+    position, velocity = out[..., :2], out[..., 2:]
+    velocity[...] = state[..., None, 2:] + np.cumsum(acceleration, axis=-2) * dt
     before = velocity - acceleration * dt
-    position = start[..., :2] + np.cumsum(before * dt + acceleration * (0.5 * dt * dt), axis=-2)
-    return np.concatenate([position, velocity], axis=-1)
+    position[...] = state[..., None, :2] + np.cumsum(before * dt + acceleration * (0.5 * dt * dt), axis=-2)
+    return out
