@@ -18,7 +18,7 @@ Rest is exactly `v = 0`: there is no velocity threshold. The pan is the double i
 
 `slide_step` is this text for one object, in plain floats: fastest in plain Python for a single trajectory, and
 the function that training compiles with numba for the CPU and for CUDA. `rollout` runs it along a trajectory;
-`rollout_batch` is the same law over arrays, which wins from about 32 trajectories up.
+`rollout_batch` is the same law over arrays, which wins from about 48 trajectories up.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ DT = 0.001
 MAX_COEFFICIENT = 10.0
 """Largest friction coefficient accepted: rubber on rubber stays under 2; beyond 10 it is a slip of the pen."""
 
-BATCHED_FROM = 32
-"""Number of trajectories from which `rollout_batch` beats `rollout` in a loop (measured by `slide-bench`)."""
+BATCHED_FROM = 48
+"""Number of trajectories from which `rollout_batch` beats `rollout` in a loop, as long as that is plain Python
+(measured by `slide-bench`)."""
 
 FloatArray = NDArray[np.float64]
 
@@ -180,10 +181,10 @@ _compiled: Any = None
 
 
 def compile_law(use: bool = True) -> bool:
-    """Let numba run the law of single plans and streams from now on, in all of this process, or no longer.
+    """Let numba run the law of plans and streams from now on, in all of this process, or no longer.
 
-    It saves about a millisecond a plan and takes a second or two, so a program that plans once is better off without;
-    a service or a controller calls it when it starts. The states are the same to the last bit.
+    It saves up to a millisecond a plan, and takes a second or two and 130 MB, so a program that plans once is better
+    off without; a service or a controller calls it when it starts. The states are the same to the last bit.
 
     Returns:
         Whether numba is used: False where it is not installed.
@@ -197,6 +198,11 @@ def compile_law(use: bool = True) -> bool:
     compiled(0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), 1.0, 1.0, DT, np.empty((1, 4)))  # compiles
     _compiled = compiled
     return True
+
+
+def one_by_one(count: int) -> bool:
+    """Return whether that many trajectories are quicker by `rollout` in a loop than by `rollout_batch`."""
+    return count < BATCHED_FROM or _compiled is not None
 
 
 def slide_step_batch(
