@@ -153,6 +153,29 @@ def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_pat
     assert 0.0 < np.abs(asked[0] - asked[1]).max() < 0.1 * np.abs(asked[0]).max()
 
 
+def test_int8_plan_is_the_same_to_the_last_bit_whatever_is_planned_with_it(run, tmp_path):
+    export_bundle(run, tmp_path / "fp32")
+    quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    planner = Planner(tmp_path / "int8")
+    wave = np.sin(np.arange(300) / 100.0)[:, None] * [1.0, 0.5]
+    commands = [size * wave for size in (0.05, 0.001, 0.14, 3.0)]
+    for command, together in zip(commands, planner.plan_batch(commands), strict=True):
+        alone = planner.plan(command)
+        np.testing.assert_array_equal(together.pan_acceleration, alone.pan_acceleration)
+        np.testing.assert_array_equal(together.object_position, alone.object_position)
+
+
+def test_int8_of_a_bundle_trained_on_nothing_that_moves_is_refused(run, tmp_path):
+    export_bundle(run, tmp_path / "fp32")
+    path = tmp_path / "fp32" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["trained_on"]["speed"] = [0.0, 0.0]
+    path.write_text(json.dumps(manifest))
+    with pytest.raises(QuantizationError, match="trained on a speed of 0"):
+        quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    assert [path.name for path in tmp_path.iterdir()] == ["fp32"]
+
+
 def test_int8_bundle_that_plans_worse_is_refused_and_not_written(run, tmp_path, monkeypatch):
     export_bundle(run, tmp_path / "fp32")
     monkeypatch.setattr("export.quantize.MAX_GROWTH", -1.0)
