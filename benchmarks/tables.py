@@ -210,12 +210,13 @@ def training_tables(training: Training, verdicts: Sequence[Verdict]) -> list[Tab
             f"{each.units}",
             f"{each.batch} x {each.samples}, {each.precision}",
             f"{each.step:.2f}",
+            f"{each.epoch / 60.0:.1f}",
             f"{each.steps:,}",
             f"{each.duration / 3600.0:.1f}",
         )
         for each in training.projections
     ]
-    header = ("configuration", "units", "step", "s/step", "steps", "hours")
+    header = ("configuration", "units", "step", "s/step", "min/epoch", "steps", "hours")
     whole = table("Whole trainings on one thread, projected from a few steps", header, rows)
     return [*_figures_tables(title, verdicts, details), whole]
 

@@ -112,6 +112,7 @@ def test_speed_and_training_as_json(
     assert results["training"]["samples"] == 1000
     (projection,) = results["training"]["projections"]
     assert (projection["configuration"], projection["samples"], projection["steps"]) == ("smoke", 300, 20)
+    assert projection["epoch"] == pytest.approx(2 * projection["step"])
     assert projection["duration"] == pytest.approx(20 * projection["step"])
     sections = ("speed", "control", "training")
     assert [target["figure"] for target in results["targets"]] == [

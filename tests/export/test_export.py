@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from export import bundle as bundle_module
-from export.bundle import export_bundle
+from export.bundle import export_bundle, training_command
 from export.cli import export_main
 from export.onnx_export import decoder_step_graph, encoder_graph
 from export.quantize import QuantizationError, quantize_bundle
@@ -60,6 +60,23 @@ def test_manifest_says_how_the_bundle_was_made(run, tmp_path):
     assert manifest.training["configuration"] == config.model_dump(mode="json")
     assert manifest.trained_on["static"] == config.static_range
     assert set(manifest.evaluation) == {f"{name}_{what}" for name in config.families for what in ("tracking", "reach")}
+
+
+def test_manifest_says_what_the_training_began_with(run, tmp_path):
+    export_bundle(run, tmp_path / "bundle")
+    training = Bundle.load(tmp_path / "bundle").manifest.training
+    assert (training["command"], training["began_with"]) == ("slide-train smoke", None)
+    began_with = {"name": "base", "sha256": "0" * 64}
+    checkpoint = load_checkpoint(run) | {"began_with": began_with}
+    torch.save(checkpoint, tmp_path / "checkpoint.pt")
+    export_bundle(tmp_path / "checkpoint.pt", tmp_path / "bundle")
+    training = Bundle.load(tmp_path / "bundle").manifest.training
+    assert (training["command"], training["began_with"]) == ("slide-train smoke --init base", began_with)
+
+
+def test_training_command_leaves_open_what_the_checkpoint_does_not_know():
+    assert training_command(load_config("paper", model="B"), None) == "slide-train paper --model B"
+    assert training_command(load_config("default"), None) == "slide-train default --init RUN_OR_BUNDLE"
 
 
 @pytest.mark.parametrize("changes", [{"command_ahead": 0}, {"acceleration_bound": None}, {"layers": 1}, {"layers": 3}])
