@@ -110,6 +110,8 @@ class Trainer:
         self.skipped = 0
         self.recent_skips: list[int] = []
         self.validation: dict[str, float] = {}
+        self.began_with: dict[str, str] | None = None
+        """Name and sha256 of the run or the bundle whose weights this one began with; None if it drew its own."""
 
     @property
     def steps(self) -> int:
@@ -245,6 +247,7 @@ class Trainer:
             "optimizer": self.optimizer.state_dict(),
             "skipped": self.skipped,
             "recent_skips": self.recent_skips,
+            "began_with": self.began_with,
         }
 
     def resume(self, checkpoint: dict[str, Any]) -> None:
@@ -265,6 +268,7 @@ class Trainer:
         self.optimizer.load_state_dict(checkpoint["optimizer"])
         self.epoch, self.skipped = checkpoint["epoch"], checkpoint["skipped"]
         self.recent_skips = checkpoint["recent_skips"]
+        self.began_with = checkpoint.get("began_with")  # absent from checkpoints of before it was written
 
 
 def loss_weights(config: TrainConfig, task: Task) -> Weights:
