@@ -17,13 +17,13 @@ from runtime.planner import Planner
 FAMILIES = ("drawings", "spline_position", "loops")
 
 SECONDS = 60.0
-COMMANDS = 2
+COMMANDS = 6
 """Commands of each family, and their length (s)."""
 
 PIECE = 1200
 """Samples of a piece of a long command, whose RMSE is held against that of short commands of as many."""
 
-SHORT = 16
+SHORT = 48
 """Short commands of each family."""
 
 WINDOWS: tuple[tuple[int | None, int], ...] = ((None, 3), (None, 8), (12, 3), (12, 6), (10, 5))

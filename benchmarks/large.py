@@ -9,7 +9,7 @@ import torch
 from benchmarks.torch_eager import untrained_model
 from export.bundle import write_graph, write_manifest
 from export.onnx_export import OPSET, decoder_step_graph, encoder_graph
-from export.quantize import quantize_graph
+from export.quantize import integer_graphs
 from runtime.bundle import DECODER_STEP, ENCODER, GraphFile, Manifest
 from runtime.friction import DT, Friction
 
@@ -46,6 +46,7 @@ def write_large(folder: Path) -> Path:
     with torch.no_grad():
         model.output.weight *= GAIN
     graphs = {ENCODER: encoder_graph(model), DECODER_STEP: decoder_step_graph(model)}
-    files = {name: write_graph(folder, f"{name}.onnx", quantize_graph(graph)) for name, graph in graphs.items()}
+    integer = integer_graphs(graphs, manifest)
+    files = {name: write_graph(folder, f"{name}.onnx", graph) for name, graph in integer.items()}
     write_manifest(folder, Manifest(**{**vars(manifest), "graphs": files}))
     return folder

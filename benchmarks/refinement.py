@@ -13,10 +13,11 @@ from benchmarks.suite import Family, suite
 from runtime.friction import FloatArray
 from runtime.planner import Planner
 
-FAMILIES = ("spline", "shapes", "stops")
+FAMILIES = ("spline", "shapes", "stops", "long", "short", "odd")
+"""All of the suite but `friction`, which is `spline` again under what nobody is told."""
 
 COMMANDS = 12
-"""Commands of each family, the first ones."""
+"""Commands of each family, the first ones, or all where there are no more."""
 
 BUDGET = 50.0
 """Time for each plan (ms)."""

@@ -18,6 +18,7 @@ import numpy as np
 import runtime
 from benchmarks.suite import NOMINAL, SAMPLES, shapes, spline
 from benchmarks.timing import Spread, interleave
+from runtime.bundle import Bundle
 from runtime.cli import BAD_INPUT
 from runtime.errors import SlideError
 from runtime.friction import FloatArray, compile_law, rollout, rollout_batch
@@ -62,6 +63,21 @@ class PlanningSpeed:
 
 
 @dataclass(frozen=True)
+class NetworkSpeed:
+    """How fast the network alone is, a command at a time, without the law, the governor and the judging.
+
+    Attributes:
+        step: time of a decoder step, on the mean of those of a plan (s).
+        step_ratio_to_torch: torch eager's over it, median of the ratios round by round.
+        ratio_to_torch: the same of all of the network's work for a plan, the encoder included.
+    """
+
+    step: Spread
+    step_ratio_to_torch: float
+    ratio_to_torch: float
+
+
+@dataclass(frozen=True)
 class LawSpeed:
     """How fast the law of friction is, without a network.
 
@@ -85,6 +101,7 @@ class Speed:
     Attributes:
         single, batch: of the bundle, one command at a time and BATCH.
         compiled: `single` with the law run by numba, on both sides; None if numba is not installed.
+        network: the network's part of `single`; None if torch is not installed.
         large: single plans of a network of the paper's size, 8-bit; None if torch is not installed.
         law: of the law of friction alone.
         slide_plan: the time from process start to written file (s).
@@ -93,6 +110,7 @@ class Speed:
     single: PlanningSpeed
     compiled: PlanningSpeed | None
     batch: PlanningSpeed
+    network: NetworkSpeed | None
     large: PlanningSpeed | None
     law: LawSpeed
     slide_plan: Spread
@@ -113,6 +131,7 @@ def measure(planner: Planner, eager: Planner | None, model: Path | None) -> Spee
         single=planning_speed(planner, eager, 1, SINGLE_ROUNDS),
         compiled=compiled_speed(planner, eager),
         batch=planning_speed(planner, eager, BATCH, BATCH_ROUNDS),
+        network=None if eager is None else network_speed(planner, eager),
         large=None if eager is None else large_speed(),
         law=law_speed(),
         slide_plan=process_time(model, PROCESS_ROUNDS),
@@ -134,6 +153,37 @@ def compiled_speed(planner: Planner, eager: Planner | None) -> PlanningSpeed | N
         return planning_speed(planner, eager, 1, SINGLE_ROUNDS) if compile_law() else None
     finally:
         compile_law(False)
+
+
+def network_speed(planner: Planner, eager: Planner) -> NetworkSpeed:
+    """Run the graphs as a plan does, the encoder once and then step after step, with both engines in turn."""
+    manifest, rng = planner.bundle.manifest, np.random.default_rng(0)
+    steps = SAMPLES // manifest.chunk
+    command = rng.uniform(-0.1, 0.1, (1, steps, 4 * manifest.chunk)).astype(np.float32)
+    width = (8 + 4 * manifest.command_ahead) * manifest.chunk
+    observation = rng.uniform(-0.1, 0.1, (1, width)).astype(np.float32)
+
+    def encode(bundle: Bundle) -> Callable[[], object]:
+        return lambda: bundle.encode(command)
+
+    def decode(bundle: Bundle) -> Callable[[], object]:
+        def run() -> None:
+            state = begin
+            for _ in range(steps):
+                _, state = bundle.decode_step(observation, state)
+
+        begin = bundle.encode(command)
+        return run
+
+    bundles = {"ours": planner.bundle, "torch": eager.bundle}
+    encoding = interleave({name: encode(bundle) for name, bundle in bundles.items()}, SINGLE_ROUNDS)
+    decoding = interleave({name: decode(bundle) for name, bundle in bundles.items()}, SINGLE_ROUNDS)
+    whole = {name: encoding[name] + decoding[name] for name in bundles}
+    return NetworkSpeed(
+        Spread.of(decoding["ours"] / steps),
+        float(np.median(decoding["torch"] / decoding["ours"])),
+        float(np.median(whole["torch"] / whole["ours"])),
+    )
 
 
 def large_speed() -> PlanningSpeed:

@@ -110,7 +110,17 @@ def speed_tables(speed: Speed, verdicts: Sequence[Verdict]) -> list[Table]:
         **({"speed.large.samples_per_second.median": _planning_rows(speed.large)} if speed.large else {}),
         "speed.slide_plan.median": [("  10 % to 90 %", _span(speed.slide_plan, "{:.2f}"))],
     }
-    extra = [
+    network = speed.network
+    extra = (
+        []
+        if network is None
+        else [
+            ("decoder step (ms)", f"{network.step.median * 1e3:.3f}"),
+            ("  over torch eager", f"{network.step_ratio_to_torch:.2f} x"),
+            ("  the encoder included", f"{network.ratio_to_torch:.2f} x"),
+        ]
+    )
+    extra += [
         (f"law of {law.samples} samples, scalar (ms)", f"{law.scalar * 1e3:.3f}"),
         (f"  batched, {LAW_BATCHES[-1]} at once, each", f"{law.batched * 1e3:.3f}"),
         ("  batched wins from", f"> {LAW_BATCHES[-1]}" if law.crossover is None else f"{law.crossover}"),
@@ -200,12 +210,13 @@ def training_tables(training: Training, verdicts: Sequence[Verdict]) -> list[Tab
             f"{each.units}",
             f"{each.batch} x {each.samples}, {each.precision}",
             f"{each.step:.2f}",
+            f"{each.epoch / 60.0:.1f}",
             f"{each.steps:,}",
             f"{each.duration / 3600.0:.1f}",
         )
         for each in training.projections
     ]
-    header = ("configuration", "units", "step", "s/step", "steps", "hours")
+    header = ("configuration", "units", "step", "s/step", "min/epoch", "steps", "hours")
     whole = table("Whole trainings on one thread, projected from a few steps", header, rows)
     return [*_figures_tables(title, verdicts, details), whole]
 

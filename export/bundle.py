@@ -8,7 +8,7 @@ import os
 import platform
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from export.verify import Agreement, verify
 from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest, default_limits
 from runtime.errors import OutputError
 from runtime.friction import DT, Friction
-from train.config import TrainConfig
+from train.config import TrainConfig, trains_from_scratch
 from train.curriculum import CURRICULA
 from train.model import Seq2Seq
 from train.trainer import load_checkpoint, load_model, validate
@@ -48,7 +48,7 @@ def export_bundle(checkpoint: Path, folder: Path) -> Exported:
             ENCODER: write_graph(temporary, f"{ENCODER}.onnx", encoder_graph(model)),
             DECODER_STEP: write_graph(temporary, f"{DECODER_STEP}.onnx", decoder_step_graph(model)),
         }
-        manifest = describe(model, config, saved["epoch"], graphs)
+        manifest = describe(model, config, saved["epoch"], saved.get("began_with"), graphs)
         write_manifest(temporary, manifest)
         agreement = verify(model, config, temporary)
     return Exported(manifest, agreement)
@@ -84,8 +84,23 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     (folder / MANIFEST_FILE).write_text(json.dumps(manifest.to_dict(), indent=2) + "\n", encoding="utf-8")
 
 
-def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str, GraphFile]) -> Manifest:
-    """Return the manifest of a network trained for `epochs` epochs of `config`."""
+def describe(
+    model: Seq2Seq,
+    config: TrainConfig,
+    epochs: int,
+    began_with: Mapping[str, str] | None,
+    graphs: dict[str, GraphFile],
+) -> Manifest:
+    """Return the manifest of a network.
+
+    Args:
+        model: the network.
+        config: what it was trained by.
+        epochs: for how many epochs.
+        began_with: `name` and `sha256` of the run's checkpoint or the bundle whose weights it began with (`--init`);
+            None if it began with drawn ones, or if the checkpoint does not say.
+        graphs: as written.
+    """
     varied = any(stage.varied_friction for stage in CURRICULA[config.curriculum])
     figures = validate(model, config, torch.device("cpu"))
     return Manifest(
@@ -109,7 +124,8 @@ def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str,
             "samples": config.samples,
         },
         training={
-            "command": f"slide-train {config.name}",
+            "command": training_command(config, began_with),
+            "began_with": None if began_with is None else dict(began_with),
             "epochs": epochs,
             "configuration": config.model_dump(mode="json"),
             "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
@@ -117,6 +133,14 @@ def describe(model: Seq2Seq, config: TrainConfig, epochs: int, graphs: dict[str,
         evaluation={name: round(value, 5) for name, value in figures.items()},
         limits=default_limits(config.pan_limit, config.acceleration_bound),
     )
+
+
+def training_command(config: TrainConfig, began_with: Mapping[str, str] | None) -> str:
+    """Return the command that trains such a network; what stands in capitals is not known."""
+    model = "" if config.model == "A" else f" --model {config.model}"
+    if began_with is not None:
+        return f"slide-train {config.name}{model} --init {began_with['name']}"
+    return f"slide-train {config.name}{model}{'' if trains_from_scratch(config) else ' --init RUN_OR_BUNDLE'}"
 
 
 def _check_replaceable(folder: Path) -> None:

@@ -21,7 +21,7 @@ IR_VERSION = 9
 """File format version: old enough for every onnxruntime that the runtime supports."""
 
 
-class _Graph:
+class GraphBuilder:
     """Collects the nodes and weights of one graph; every method returns the name of its output."""
 
     def __init__(self) -> None:
@@ -61,8 +61,18 @@ class _Graph:
             )
         )
 
-    def model(self, name: str, inputs: dict[str, list[str | int]], outputs: dict[str, list[str | int]]) -> bytes:
-        """Serialize the graph, checked; dimensions given as text are dynamic."""
+    def split(self, x: str, outputs: list[str], *sizes: str, **attributes: object) -> list[str]:
+        self.nodes.append(helper.make_node("Split", [x, *sizes], outputs, name=f"{x}_split", **attributes))
+        return outputs
+
+    def model(
+        self,
+        name: str,
+        inputs: dict[str, list[str | int]],
+        outputs: dict[str, list[str | int]],
+        domains: tuple[str, ...] = (),
+    ) -> bytes:
+        """Serialize the graph, checked; dimensions given as text are dynamic, `domains` are those of more operators."""
         graph = helper.make_graph(
             self.nodes,
             name,
@@ -70,7 +80,8 @@ class _Graph:
             [helper.make_tensor_value_info(key, TensorProto.FLOAT, shape) for key, shape in outputs.items()],
             self.weights,
         )
-        model = helper.make_model(graph, producer_name="slide-planner", opset_imports=[helper.make_opsetid("", OPSET)])
+        operators = [helper.make_opsetid("", OPSET), *(helper.make_opsetid(domain, 1) for domain in domains)]
+        model = helper.make_model(graph, producer_name="slide-planner", opset_imports=operators)
         model.ir_version = IR_VERSION
         onnx.checker.check_model(model, full_check=True)
         return bytes(model.SerializeToString(deterministic=True))
@@ -78,7 +89,7 @@ class _Graph:
 
 def encoder_graph(model: Seq2Seq) -> bytes:
     """Return the serialized encoder: `command` to `hidden`, `cell`."""
-    graph = _Graph()
+    graph = GraphBuilder()
     x = graph.node("Mul", ["command", graph.constant("scale", _array(model.command_scale))], "scaled")
     x = graph.node("Transpose", [x], "time_major", perm=[1, 0, 2])
     axis = graph.axes("direction_axis", 1)
@@ -94,14 +105,13 @@ def encoder_graph(model: Seq2Seq) -> bytes:
 
 def decoder_step_graph(model: Seq2Seq) -> bytes:
     """Return the serialized decoder iteration: `observation`, `hidden`, `cell` to accelerations and the next state."""
-    graph = _Graph()
+    graph = GraphBuilder()
     width = (8 + 4 * model.command_ahead) * model.chunk
     layers = range(model.layers)
     x = graph.node("Mul", ["observation", graph.constant("scale", _array(model.observation_scale))], "scaled")
     x = graph.node("Unsqueeze", [x, graph.axes("time_axis", 0)], "one_step")
     for name in ("hidden", "cell"):
-        parts = [f"{name}{layer}" for layer in layers]
-        graph.nodes.append(helper.make_node("Split", [name], parts, name=name, axis=0, num_outputs=model.layers))
+        graph.split(name, [f"{name}{layer}" for layer in layers], axis=0, num_outputs=model.layers)
     for layer in layers:
         graph.lstm(
             model.decoder_lstm,
@@ -124,7 +134,7 @@ def decoder_step_graph(model: Seq2Seq) -> bytes:
     shape = graph.axes("acceleration_shape", 0, model.chunk, 2)
     x = graph.node("Reshape", [x, shape], "unbounded" if bounded else "pan_acceleration")
     if model.acceleration_bound is not None:
-        _bound(graph, x, model.acceleration_bound)
+        add_bound(graph, x, model.acceleration_bound)
 
     state: list[str | int] = [model.layers, "batch", model.units]
     return graph.model(
@@ -134,7 +144,7 @@ def decoder_step_graph(model: Seq2Seq) -> bytes:
     )
 
 
-def _bound(graph: _Graph, u: str, limit: float) -> None:
+def add_bound(graph: GraphBuilder, u: str, limit: float) -> None:
     """Add `train.model.bound_acceleration`: limit tanh(|u|/limit) u/|u|."""
     squared = graph.node("Mul", [u, u], "squared")
     total = graph.node("ReduceSum", [squared, graph.axes("coordinate_axis", -1)], "size_squared", keepdims=1)
@@ -145,7 +155,7 @@ def _bound(graph: _Graph, u: str, limit: float) -> None:
     graph.node("Mul", [u, factor], "pan_acceleration")
 
 
-def _linear(graph: _Graph, name: str, x: str, weight: Tensor, bias: Tensor) -> str:
+def _linear(graph: GraphBuilder, name: str, x: str, weight: Tensor, bias: Tensor) -> str:
     w, b = graph.constant(f"{name}.weight", _array(weight)), graph.constant(f"{name}.bias", _array(bias))
     return graph.node("Gemm", [x, w, b], name, transB=1)
 

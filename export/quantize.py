@@ -1,14 +1,8 @@
-"""Makes an int8 bundle of an fp32 one, and accepts it only if it plans nearly as well.
-
-The weights of LSTMs and linear layers become 8-bit integers, per channel; activations are quantized as they come.
-Where a processor has no 8-bit dot product, products of full-range weights overflow in pairs, so the weights keep to
-seven bits ("reduced range"): without that the output is wrong by a third of its spread.
-"""
+"""Makes an int8 bundle of an fp32 one (`export.integer_graphs`), and accepts it only if it plans nearly as well."""
 
 from __future__ import annotations
 
-import logging
-import tempfile
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -16,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from export.bundle import bundle_folder, write_graph, write_manifest
+from export.integer_graphs import integer_decoder_step, integer_encoder, weights_of
 from runtime import Planner
-from runtime.bundle import Manifest
+from runtime.bundle import DECODER_STEP, ENCODER, Manifest
 from runtime.documents import FloatArray
 from runtime.errors import SlideError
 from train.commands import FAMILIES
@@ -55,17 +50,22 @@ def quantize_bundle(source: Path, folder: Path) -> Quantized:
 
     Raises:
         BundleError: `source` is no bundle.
-        QuantizationError: `source` is not fp32, or the error grows by MAX_GROWTH or more; nothing is written.
+        QuantizationError: `source` is not fp32, was trained on nothing that moves, or the error grows by MAX_GROWTH or
+            more; nothing is written.
         OutputError: `folder` holds something that is no bundle, or cannot be written.
     """
     planner = Planner(source)
     manifest = planner.bundle.manifest
     if manifest.precision != "fp32":
         raise QuantizationError(f"{source} is {manifest.precision} already; int8 is made of fp32")
+    for name in ("reach", "speed"):
+        if manifest.trained_on[name][1] <= 0.0:
+            raise QuantizationError(f"{source} was trained on a {name} of 0: there is no range for its inputs")
     with bundle_folder(folder) as temporary:
+        fp32 = {name: (source / graph.file).read_bytes() for name, graph in manifest.graphs.items()}
         graphs = {
-            name: write_graph(temporary, graph.file, quantize_graph((source / graph.file).read_bytes()))
-            for name, graph in manifest.graphs.items()
+            name: write_graph(temporary, manifest.graphs[name].file, graph)
+            for name, graph in integer_graphs(fp32, manifest).items()
         }
         manifest = replace(manifest, precision="int8", graphs=graphs)
         write_manifest(temporary, manifest)
@@ -81,21 +81,13 @@ def quantize_bundle(source: Path, folder: Path) -> Quantized:
     return Quantized(manifest, comparison)
 
 
-def quantize_graph(graph: bytes) -> bytes:
-    """Return a serialized graph with 8-bit weights."""
-    from onnxruntime.quantization import QuantType, quantize_dynamic  # takes a second to load
-
-    with tempfile.TemporaryDirectory() as folder:
-        source, target = Path(folder) / "fp32.onnx", Path(folder) / "int8.onnx"
-        source.write_bytes(graph)
-        root = logging.getLogger()
-        level = root.level
-        root.setLevel(logging.ERROR)  # it recommends a preparation that these graphs, shapes and all, do not need
-        try:
-            quantize_dynamic(source, target, per_channel=True, reduce_range=True, weight_type=QuantType.QInt8)
-        finally:
-            root.setLevel(level)
-        return target.read_bytes()
+def integer_graphs(fp32: Mapping[str, bytes], manifest: Manifest) -> dict[str, bytes]:
+    """Return the serialized graphs in integers, by name, of a bundle's fp32 ones."""
+    weights = {name: weights_of(graph) for name, graph in fp32.items()}
+    return {
+        ENCODER: integer_encoder(weights[ENCODER], manifest),
+        DECODER_STEP: integer_decoder_step(weights[DECODER_STEP], manifest),
+    }
 
 
 def compare(fp32: Planner, int8: Planner) -> Comparison:

@@ -11,11 +11,11 @@ import torch
 from runtime import Friction, Planner
 from runtime.errors import SlideError
 from runtime.limits import NO_LIMITS
+from train.batches import make_batch
 from train.closed_loop import decode
 from train.commands import free_commands
 from train.config import TrainConfig
 from train.model import Seq2Seq
-from train.trainer import make_batch
 
 COMMANDS = 16
 SAMPLES = 1200

@@ -17,6 +17,7 @@ A command chunk is C rows (x, y, vx, vy); an observation is C rows (pan x, y, vx
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import reprlib
 from collections.abc import Iterator, Mapping
@@ -27,7 +28,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from runtime.documents import check_format, fields, number, parse_json, read_bytes, read_text, text
@@ -35,6 +35,11 @@ from runtime.errors import BundleError, InputError
 from runtime.friction import DT, Friction
 from runtime.graph import check_graph
 from runtime.limits import Limits
+
+# Otherwise onnxruntime keeps an identifier of the machine in the home folder. Whoever wants that sets 0.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
+import onnxruntime
 
 BUNDLE_FORMAT = "slide-bundle/1"
 MANIFEST_FILE = "manifest.json"

@@ -12,7 +12,7 @@ from runtime.bundle import Bundle, DecoderState, Float32Array, Manifest
 from runtime.command import Command
 from runtime.documents import FloatArray
 from runtime.errors import BundleError, InputError
-from runtime.friction import BATCHED_FROM, Friction, rollout, rollout_batch
+from runtime.friction import Friction, one_by_one, rollout, rollout_batch
 from runtime.governor import Motion, govern
 from runtime.limits import RESTING, Limits, PanState, find_brake, stop_reach
 from runtime.start import Start
@@ -178,7 +178,7 @@ def decode_step(
 
 def slide(state: FloatArray, u: FloatArray, frictions: Sequence[Friction]) -> FloatArray:
     """Slide B objects, each under its friction: (B, 4), (B, C, 2) -> (B, C, 4)."""
-    if len(state) < BATCHED_FROM:
+    if one_by_one(len(state)):
         return np.stack([rollout(*one) for one in zip(state, u, frictions, strict=True)])
     static = np.array([friction.static for friction in frictions])
     kinetic = np.array([friction.kinetic for friction in frictions])
@@ -201,9 +201,9 @@ def command_chunks(command: Command, manifest: Manifest, first: int, last: int) 
     part = slice(first * chunk, (last + manifest.command_ahead) * chunk)
     position, velocity = command.position[part], command.velocity[part]
     samples = len(position)
-    rows = np.zeros((part.stop - part.start, 4))
-    rows[:samples, :2] = position
+    origin = command.position[min(part.start, len(command) - 1)]
+    rows = np.zeros((part.stop - part.start, 4), dtype=np.float32)
+    rows[:samples, :2] = position - origin
     rows[:samples, 2:] = velocity
-    rows[samples:, :2] = command.position[-1]
-    rows[:, :2] -= command.position[min(part.start, len(command) - 1)]
-    return rows.astype(np.float32).reshape(-1, 4 * chunk)
+    rows[samples:, :2] = command.position[-1] - origin
+    return rows.reshape(-1, 4 * chunk)

@@ -1,6 +1,6 @@
 """One Gauss-Newton step down the tracking error of a whole plan, in time proportional to its length.
 
-Along a plan the law is linearized, sample by sample (`linearize`), and the squared tracking
+Along a plan the law is linearized, sample by sample (`runtime.linearization`), and the squared tracking
 error, with a penalty where the pan nears its reach, becomes a quadratic function of the changes of the acceleration:
 a linear-quadratic problem, which one backward sweep solves. The changes are constant over blocks of BLOCK samples. The
 sweep also says how each block's change is to answer to where the motion differs from the plan it was linearized
@@ -19,8 +19,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from runtime.adjoint import ADJOINT_SPEED_FLOOR
 from runtime.friction import DT, slide_step
+from runtime.linearization import linearize
 
 BLOCK = 5
 """Samples over which a change of the acceleration is constant."""
@@ -30,9 +30,6 @@ REACH_WEIGHT = 10.0
 
 END_WEIGHT = 1000.0
 """The same for where the pan would come to rest if it braked at the end, which is a single sample."""
-
-LEAST_RISE = 1.0
-"""Smallest rise of |u| over the sample in which an object breaks away that its time is reckoned with (m/s^2)."""
 
 STATE = 8
 SIZE = 10
@@ -146,7 +143,7 @@ def sweep(
         before = 2 * max(k - 1, 0)
         fxx, fxy, fyy, hxx, hxy, hyy = linearize(
             states[first + 6], states[first + 7], u[2 * k], u[2 * k + 1], u[before], u[before + 1],
-            static_limit, kinetic_limit,
+            static_limit, kinetic_limit, DT,
         )  # fmt: skip
         # p+ = p + (v + v+) dt/2 and v+ = F v + H u, for the object and, with F = 1 and H = dt, for the pan.
         for i in range(2):
@@ -167,56 +164,6 @@ def sweep(
         price_reach(s, g, states[first], states[first + 1], 0.0, reach, REACH_WEIGHT)
         if k % BLOCK == 0:
             settle(s, g, damping, gains, ROW * (k // BLOCK))
-
-
-def linearize(
-    vx: float, vy: float, ux: float, uy: float, before_x: float, before_y: float,
-    static_limit: float, kinetic_limit: float,
-) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """Return how the object's next velocity answers to its velocity and to the pan acceleration in one sample.
-
-    While the object slides these are the derivatives of the law (with the floor of `runtime.adjoint`). When it stops
-    or breaks away in a sample, what answers is the time at which it does, which the law rounds to whole samples: its
-    derivative is zero or next to it, and a search that believed it would be blind to both. Here the time is not
-    rounded: an object that arrives faster by w stops later by w/(u.d + mu'g), and if the pan is then strong enough to
-    break it away at once, begins the way back later by as much; one that rests breaks away when |u| comes to mu g.
-
-    Args:
-        vx, vy: object velocity before the sample (m/s).
-        ux, uy, before_x, before_y: pan acceleration over the sample, and over the one before (m/s^2).
-        static_limit, kinetic_limit: mu g and mu' g (m/s^2).
-
-    Returns:
-        F_xx, F_xy, F_yy (dimensionless) and H_xx, H_xy, H_yy (s), of two symmetric matrices.
-    """
-    speed = math.sqrt(vx * vx + vy * vy)
-    push = math.sqrt(ux * ux + uy * uy)
-    if speed > 0.0:
-        dx, dy = vx / speed, vy / speed
-        along = ux * dx + uy * dy
-        if speed - (along + kinetic_limit) * DT > 0.0:
-            stiffness = kinetic_limit * DT / max(speed, ADJOINT_SPEED_FLOOR)
-            return 1.0 - stiffness * dy * dy, stiffness * dx * dy, 1.0 - stiffness * dx * dx, -DT, 0.0, -DT
-        if push < static_limit or along <= 0.0:
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        turned = along * (1.0 - kinetic_limit / push) / (along + kinetic_limit)
-        return turned, 0.0, turned, -DT * turned, 0.0, -DT * turned
-    if push < static_limit or push == 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    dx, dy = ux / push, uy / push
-    held = static_limit / push
-    earlier = 0.0
-    before = math.sqrt(before_x * before_x + before_y * before_y)
-    if before < static_limit:
-        earlier = (static_limit - kinetic_limit) / max(push - before, LEAST_RISE)
-    return (
-        1.0,
-        0.0,
-        1.0,
-        DT * (held * dy * dy - 1.0 - earlier * dx * dx),
-        -DT * (held + earlier) * dx * dy,
-        DT * (held * dx * dx - 1.0 - earlier * dy * dy),
-    )
 
 
 def substitute(s: Column, g: Column, i: int, j: int, factor: float) -> None:

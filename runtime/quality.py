@@ -240,7 +240,7 @@ def assess(
         tracking_rmse=rmse,
         tracking_max=farthest,
         **figures,
-        sliding_share=float(np.mean(record.object_velocity.any(axis=1))),
+        sliding_share=float(np.mean((record.object_velocity[:, 0] != 0.0) | (record.object_velocity[:, 1] != 0.0))),
         limits=held,
         margins={name: None if limit is None else limit - figures[FIGURES[name]] for name, limit in held.items()},
         worst={name: int(values.argmax()) for name, values in along.items()},

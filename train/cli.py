@@ -60,7 +60,8 @@ def slide_train(
         str, typer.Argument(help="base, default, strokes, smoke, paper, or a .json file.", show_default=False)
     ],
     run_folder: Annotated[
-        Path | None, typer.Option("--run", help="Folder of the run; runs/CONFIG[-MODEL] if not given.", metavar="DIR")
+        Path | None,
+        typer.Option("--run", "-o", help="Folder of the run; runs/CONFIG[-MODEL] if not given.", metavar="DIR"),
     ] = None,
     resume: Annotated[
         Path | None, typer.Option("--resume", help="Continue the run in this folder.", metavar="RUN")

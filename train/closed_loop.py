@@ -73,11 +73,13 @@ def decode(
 
 
 @torch.no_grad()
-def lead_in(model: Seq2Seq, command: Tensor, static_limit: Tensor, kinetic_limit: Tensor, chunks: int) -> Tensor:
+def lead_in(
+    model: Seq2Seq, command: Tensor, static_limit: Tensor, kinetic_limit: Tensor, chunks: int, before: Tensor
+) -> Tensor:
     """Follow the first `chunks` chunks of a command, as a planner does that then reads on from there.
 
     Args:
-        model, command, static_limit, kinetic_limit: as for `decode`.
+        model, command, static_limit, kinetic_limit, before: as for `decode`.
         chunks: how far to follow.
 
     Returns:
@@ -85,6 +87,7 @@ def lead_in(model: Seq2Seq, command: Tensor, static_limit: Tensor, kinetic_limit
         takes as `before` for the rest of the command.
     """
     samples = chunks * model.chunk
-    states = decode(model, command, static_limit, kinetic_limit).states[:, samples - model.chunk : samples].clone()
+    moved = decode(model, command, static_limit, kinetic_limit, before=before).states
+    states = moved[:, samples - model.chunk : samples].clone()
     states[..., 4:6] -= command[:, None, samples, :2]
     return states

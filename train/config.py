@@ -85,17 +85,14 @@ class TrainConfig(BaseModel):
     static_range: Range = Field((0.4, 1.5), description="of stages that vary friction")
     kinetic_range: Range = Field((0.2, 0.8), description="of stages that vary friction, up to the static one")
 
+    @property
+    def disturbs(self) -> bool:
+        """Whether there is anything that the curriculum's disturbed stages would disturb trajectories by."""
+        return self.lead_in > 0.0 or self.displaced > 0.0 or self.noisy > 0.0
+
     @model_validator(mode="after")
     def _consistent(self) -> TrainConfig:
-        for key in (
-            "samples",
-            "lead_in_chunks",
-            "reach",
-            "physics_reach",
-            "physics_knots",
-            "static_range",
-            "kinetic_range",
-        ):
+        for key in RANGES:
             low, high = getattr(self, key)
             if low > high:
                 raise ValueError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")

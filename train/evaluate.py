@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -10,10 +10,13 @@ import numpy as np
 import torch
 
 from runtime import Friction, Planner
+from runtime.bundle import Manifest
+from train.batches import Batch, make_batch
 from train.closed_loop import decode
 from train.commands import FAMILIES, FloatArray, free_commands
+from train.config import TrainConfig
 from train.model import Seq2Seq
-from train.trainer import Batch, load_checkpoint, load_model, make_batch
+from train.trainer import load_checkpoint, load_model
 
 SEED = 11
 COMMANDS = 64
@@ -46,12 +49,14 @@ class Subject(NamedTuple):
         decode: decodes (B, K, 2) commands under a friction.
         follow: begins to follow a (K, 2) command from measured states.
         chunk: samples it decodes at a time, C.
+        origin: how it came about, for people: its training and the limits it is decoded with.
     """
 
     name: str
     decode: Callable[[FloatArray, Friction], Motions]
     follow: Callable[[FloatArray], Follower]
     chunk: int
+    origin: str
 
 
 class Row(NamedTuple):
@@ -79,6 +84,7 @@ def load_subject(source: Path, name: str = "") -> Subject:
     name = name or (source.parent.name if source.is_file() else source.name)
     if (source / "manifest.json").exists():
         planner = Planner(source)
+        manifest = planner.bundle.manifest
 
         def decode_bundle(position: FloatArray, friction: Friction) -> Motions:
             plans = planner.plan_batch(list(position), friction=friction)
@@ -88,9 +94,11 @@ def load_subject(source: Path, name: str = "") -> Subject:
                 np.stack([plan.object_position for plan in plans]),
             )
 
-        return Subject(name, decode_bundle, planner.stream, planner.bundle.manifest.chunk)
+        origin = f"{_origin_of(manifest)}; limits in force"
+        return Subject(name, decode_bundle, planner.stream, manifest.chunk, origin)
 
-    config, model = load_model(load_checkpoint(source))
+    checkpoint = load_checkpoint(source)
+    config, model = load_model(checkpoint)
 
     def decode_network(position: FloatArray, friction: Friction) -> Motions:
         batch, samples = position.shape[:2]
@@ -100,7 +108,24 @@ def load_subject(source: Path, name: str = "") -> Subject:
         states = np.concatenate([np.zeros((batch, 1, 8)), motion.states.numpy()], axis=1)[:, :samples]
         return Motions(motion.u.numpy()[:, :samples], states[..., 0:2], states[..., 4:6])
 
-    return Subject(name, decode_network, lambda position: NetworkStream(model, position), config.chunk)
+    origin = f"{_trained(config, checkpoint['epoch'], checkpoint.get('began_with'))}; no limits"
+    return Subject(name, decode_network, lambda position: NetworkStream(model, position), config.chunk, origin)
+
+
+def _origin_of(manifest: Manifest) -> str:
+    """Say on how much a bundle's network was trained; its manifest may say so in another way, or not at all."""
+    training = manifest.training
+    try:
+        config = TrainConfig.model_validate(training["configuration"])
+        return _trained(config, training["epochs"], training.get("began_with"))
+    except (KeyError, TypeError, ValueError):
+        return "training unknown"
+
+
+def _trained(config: TrainConfig, epochs: int, began_with: Mapping[str, str] | None) -> str:
+    """Say on how much a network was trained, and after what."""
+    after = f", after {began_with['name']}" if began_with else ""
+    return f"model {config.model}, {epochs * config.trajectories:,} trajectories{after}"
 
 
 def _held(position: FloatArray, chunk: int, friction: Friction) -> Batch:

@@ -183,13 +183,13 @@ sees the measured states every 100 ms; paper control is the controller of Fig. 7
 
 def _document(subjects: Sequence[Subject]) -> str:
     rows = [
-        "| model | tracking RMSE, mean | median | worst | pan reach, mean | worst | mean change of u per sample |",
-        "|---|---|---|---|---|---|---|",
+        "| | trained | tracking RMSE, mean | median | worst | pan reach, mean | worst | mean change of u per sample |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for subject in subjects:
         row = evaluate(subject, FAMILY)
         rows.append(
-            f"| {subject.name} | {MM * row.rmse_mean:.1f} mm | {MM * row.rmse_median:.1f} mm "
+            f"| {subject.name} | {subject.origin} | {MM * row.rmse_mean:.1f} mm | {MM * row.rmse_median:.1f} mm "
             f"| {MM * row.rmse_worst:.1f} mm | {row.reach_mean:.3f} m | {row.reach_worst:.3f} m "
             f"| {row.change_mean:.2f} m/s² |"
         )
@@ -202,8 +202,8 @@ Written by `slide-eval RUN ... --reproduce docs`; figures over 64 commands whose
 
 {chr(10).join(rows)}
 
-Model A is trained by the whole curriculum, model B by stage 3 alone, model C by stage 1 alone, each for the same
-number of trajectories (Section V-B).
+Model A is trained by the whole curriculum, model B by stage 3 alone, model C by stage 1 alone (Section V-B). A bundle
+plans with its limits in force, a run's checkpoint without any.
 
 ## Fig. 8: reproduced trajectories
 

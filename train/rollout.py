@@ -1,9 +1,10 @@
 """The differentiable rollout: pan and object driven by pan accelerations, and the adjoint of that (Eqs. 3, 4, 9).
 
-The law is `runtime.friction.slide_step`, and its adjoint is `runtime.adjoint.slide_step_adjoint`: two scalar functions
-in plain Python. `_make_rollout` compiles them, with the loops over samples around them, for whatever target it is
-handed: numba's CPU compiler here, one thread per trajectory on CUDA in `train.rollout_cuda`. `Rollout` is the one
-`torch.autograd.Function` per chunk that training sees; everything in it is float64.
+The law is `runtime.friction.slide_step`, and its derivative, with the time at which an object stops or breaks away in
+place of the rounded sample, `runtime.linearization.linearize`: two scalar functions in plain Python. `make_rollout`
+compiles them, with the loops over samples around them, for whatever target it is handed: numba's CPU compiler here, one
+thread per trajectory on CUDA in `train.rollout_cuda`. `Rollout` is the one `torch.autograd.Function` per chunk that
+training sees; everything in it is float64.
 
 A row of states is (pan x, y, vx, vy, object x, y, vx, vy): pan in the world, object relative to the pan, m and m/s.
 """
@@ -17,12 +18,12 @@ import numba
 import torch
 from torch import Tensor
 
-from runtime.adjoint import slide_step_adjoint
 from runtime.friction import DT, slide_step
+from runtime.linearization import linearize
 
 
 def make_rollout(compiler: Callable[[Any], Any]) -> tuple[Any, Any]:
-    """Compile the law, its adjoint and the loops over the samples of one trajectory with `compiler`.
+    """Compile the law, its derivative and the loops over the samples of one trajectory with `compiler`.
 
     Args:
         compiler: turns a Python function into a compiled one, e.g. `numba.njit` or `cuda.jit(device=True)`.
@@ -33,7 +34,7 @@ def make_rollout(compiler: Callable[[Any], Any]) -> tuple[Any, Any]:
         fills grad_start[b] and grad_u[b]. Shapes: start (B, 8), u (B, n, 2), limits (B,), states (B, n, 8).
     """
     step = compiler(slide_step)
-    step_adjoint = compiler(slide_step_adjoint)
+    linear = compiler(linearize)
 
     @compiler
     def forward(b, start, u, static_limit, kinetic_limit, dt, states):  # type: ignore[no-untyped-def]
@@ -67,11 +68,21 @@ def make_rollout(compiler: Callable[[Any], Any]) -> tuple[Any, Any]:
                 wx, wy = states[b, k - 1, 6], states[b, k - 1, 7]
             else:
                 wx, wy = start[b, 6], start[b, 7]
-            gwx, gwy, gux, guy = step_adjoint(
-                wx, wy, u[b, k, 0], u[b, k, 1], static_limit[b], kinetic_limit[b], dt, gpx, gpy, gwx, gwy
+            # The sample before a chunk is not known here: an object that breaks away in its first counts as if it
+            # could not have done so any earlier.
+            before = max(k - 1, 0)
+            fxx, fxy, fyy, hxx, hxy, hyy = linear(
+                wx, wy, u[b, k, 0], u[b, k, 1], u[b, before, 0], u[b, before, 1], static_limit[b], kinetic_limit[b], dt
             )
-            grad_u[b, k, 0] = gux + gvx * dt + gx * half
-            grad_u[b, k, 1] = guy + gvy * dt + gy * half
+            # p+ = p + (w + w+) dt/2 with w+ = F w + H u.
+            gwx += 0.5 * dt * gpx
+            gwy += 0.5 * dt * gpy
+            grad_u[b, k, 0] = hxx * gwx + hxy * gwy + gvx * dt + gx * half
+            grad_u[b, k, 1] = hxy * gwx + hyy * gwy + gvy * dt + gy * half
+            gwx, gwy = (
+                fxx * gwx + fxy * gwy + 0.5 * dt * gpx,
+                fxy * gwx + fyy * gwy + 0.5 * dt * gpy,
+            )
             gvx += gx * dt
             gvy += gy * dt
         grad_start[b, 0], grad_start[b, 1], grad_start[b, 2], grad_start[b, 3] = gx, gy, gvx, gvy
@@ -132,7 +143,7 @@ class Rollout(torch.autograd.Function):
 
 
 def rollout(start: Tensor, u: Tensor, static_limit: Tensor, kinetic_limit: Tensor, dt: float = DT) -> Tensor:
-    """Move pan and object along `u`, differentiably (Eqs. 3, 4, 9; friction's gradient floored, see above).
+    """Move pan and object along `u`, differentiably (Eqs. 3, 4, 9; the gradient is `linearize`'s, see above).
 
     Args:
         start: (B, 8) float64 state before the first sample.

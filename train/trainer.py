@@ -17,14 +17,13 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torch.utils.tensorboard import SummaryWriter
 
-from runtime.command import command_velocity
 from runtime.errors import FormatError, InputError, OutputError, SlideError
-from runtime.friction import DT, GRAVITY
-from train.closed_loop import Motion, decode, lead_in
-from train.commands import FloatArray, free_commands, physics_commands
+from runtime.friction import DT
+from train.batches import Batch, Drawn, disturb, draw, last_acceleration, make_batch
+from train.closed_loop import Motion, decode
+from train.commands import free_commands
 from train.config import Precision, TrainConfig
 from train.curriculum import CURRICULA, Task, task_at
-from train.disturbances import Disturbance, draw_disturbance
 from train.losses import Weights, loss_object, loss_pan
 from train.model import Seq2Seq
 from train.parallel import mean_over_processes, processes, rank, share
@@ -50,30 +49,6 @@ class TrainingError(SlideError):
     """Training cannot go on."""
 
 
-class Batch(NamedTuple):
-    """One batch as the losses want it: row k of what has K rows, but for `command`, is the instant t_{k+1}.
-
-    `before` and `noise` are as in `train.closed_loop.decode`.
-    """
-
-    command: Tensor
-    object_position: Tensor
-    pan_position: Tensor | None
-    mask: Tensor
-    static_limit: Tensor
-    kinetic_limit: Tensor
-    before: Tensor | None = None
-    noise: Tensor | None = None
-
-    def to(self, device: torch.device) -> Batch:
-        """Return the batch on another device."""
-        return Batch(*(None if tensor is None else tensor.to(device) for tensor in self))  # type: ignore[arg-type]
-
-    def rows(self, rows: slice) -> Batch:
-        """Return some of the trajectories."""
-        return Batch(*(None if tensor is None else tensor[rows] for tensor in self))  # type: ignore[arg-type]
-
-
 class Progress(NamedTuple):
     """What a run reports after each step; errors and reach in metres."""
 
@@ -91,92 +66,6 @@ def build_model(config: TrainConfig) -> Seq2Seq:
     """Return the configuration's network with freshly drawn weights."""
     torch.manual_seed(config.seed)
     return Seq2Seq(config.units, config.chunk, config.layers, config.command_ahead, config.acceleration_bound)
-
-
-class Drawn(NamedTuple):
-    """What is drawn for one step: the batch, and what disturbs it, None for nothing."""
-
-    pan_loss: bool
-    batch: Batch
-    disturbance: Disturbance | None
-
-    def rows(self, rows: slice) -> Drawn:
-        """Return some of the trajectories."""
-        disturbance = None if self.disturbance is None else self.disturbance.rows(rows)
-        return Drawn(self.pan_loss, self.batch.rows(rows), disturbance)
-
-
-def draw(config: TrainConfig, task: Task, rng: np.random.Generator) -> Drawn:
-    """Draw one step of `task`: which loss, which commands, what friction and what disturbs them."""
-    pan_loss = bool(rng.random() < task.pan_loss)
-    physics = pan_loss or bool(rng.random() < task.physics)
-    chunks = [math.ceil(n / config.chunk) for n in config.samples]
-    samples = int(rng.integers(chunks[0], chunks[1] + 1)) * config.chunk
-    disturbance = draw_disturbance(config, samples, rng) if task.disturbed and not physics else None
-    lead_in = 0 if disturbance is None else disturbance.lead_in * config.chunk
-    return Drawn(pan_loss, draw_batch(config, task, samples + lead_in, pan_loss, physics, rng), disturbance)
-
-
-def draw_batch(
-    config: TrainConfig, task: Task, samples: int, pan_loss: bool, physics: bool, rng: np.random.Generator
-) -> Batch:
-    """Draw commands of `samples` samples and their friction."""
-    if physics:
-        commands = physics_commands(
-            rng, config.batch, samples, config.physics_knots, config.physics_reach, config.static, config.kinetic
-        )
-    else:
-        shorten = config.chunk if config.shorten else 1
-        commands = free_commands(rng, config.batch, samples, config.families, config.reach, config.speed, shorten)
-    if task.varied_friction and not pan_loss:
-        static = rng.uniform(*config.static_range, config.batch)
-        kinetic = rng.uniform(config.kinetic_range[0], np.minimum(config.kinetic_range[1], static))
-    else:
-        static, kinetic = np.full(config.batch, config.static), np.full(config.batch, config.kinetic)
-    return make_batch(commands.position, commands.samples, commands.pan_position, static, kinetic)
-
-
-def make_batch(
-    position: FloatArray, samples: Any, pan_position: FloatArray | None, static: FloatArray, kinetic: FloatArray
-) -> Batch:
-    """Make a batch of (B, K, 2) positions held from sample `samples` (B,) on."""
-    velocity = np.zeros_like(position)
-    for n in np.unique(samples):
-        rows = samples == n
-        velocity[rows, :n] = command_velocity(position[rows, :n], DT)
-    after = np.arange(1, position.shape[1] + 1)
-    return Batch(
-        command=torch.from_numpy(np.concatenate([position, velocity], axis=-1)),
-        object_position=torch.from_numpy(_next(position)),
-        pan_position=None if pan_position is None else torch.from_numpy(_next(pan_position)),
-        mask=torch.from_numpy((after < samples[:, None]).astype(np.float64)),
-        static_limit=torch.from_numpy(static * GRAVITY),
-        kinetic_limit=torch.from_numpy(kinetic * GRAVITY),
-    )
-
-
-def disturb(model: Seq2Seq, batch: Batch, disturbance: Disturbance) -> Batch:
-    """Return the batch as it is disturbed; where it begins in mid-course, the network leads it there."""
-    lead, chunk = disturbance.lead_in, model.chunk
-    displacement, noise = (torch.from_numpy(part).to(batch.command.device) for part in disturbance[1:])
-    if lead == 0:
-        return batch._replace(before=displacement[:, None].expand(-1, chunk, -1), noise=noise)
-    before = lead_in(model, batch.command, batch.static_limit, batch.kinetic_limit, lead)
-    before[:, -1] += displacement
-    first = lead * chunk
-    origin = batch.command[:, first : first + 1, :2]
-    return batch._replace(
-        command=torch.cat([batch.command[:, first:, :2] - origin, batch.command[:, first:, 2:]], dim=-1),
-        object_position=batch.object_position[:, first:] - origin,
-        mask=batch.mask[:, first:],
-        before=before,
-        noise=noise,
-    )
-
-
-def _next(position: FloatArray) -> FloatArray:
-    """Shift rows by one sample, to the instants after each input; the last row is repeated and masked out."""
-    return np.concatenate([position[:, 1:], position[:, -1:]], axis=1)
 
 
 class Decoding(nn.Module):
@@ -213,7 +102,7 @@ class Trainer:
         self.model = build_model(config).to(self.device)
         self.decoding: nn.Module = Decoding(self.model)
         if processes() > 1:
-            self.decoding = DistributedDataParallel(self.decoding, broadcast_buffers=False)
+            self.decoding = DistributedDataParallel(self.decoding)
         self.average = AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.average))  # type: ignore[no-untyped-call]
         self.optimizer = torch.optim.Adam(self.model.parameters(), lr=config.learning_rate)
         self.steps_per_epoch = config.trajectories // config.batch
@@ -221,6 +110,8 @@ class Trainer:
         self.skipped = 0
         self.recent_skips: list[int] = []
         self.validation: dict[str, float] = {}
+        self.began_with: dict[str, str] | None = None
+        """Name and sha256 of the run or the bundle whose weights this one began with; None if it drew its own."""
 
     @property
     def steps(self) -> int:
@@ -356,6 +247,7 @@ class Trainer:
             "optimizer": self.optimizer.state_dict(),
             "skipped": self.skipped,
             "recent_skips": self.recent_skips,
+            "began_with": self.began_with,
         }
 
     def resume(self, checkpoint: dict[str, Any]) -> None:
@@ -376,6 +268,7 @@ class Trainer:
         self.optimizer.load_state_dict(checkpoint["optimizer"])
         self.epoch, self.skipped = checkpoint["epoch"], checkpoint["skipped"]
         self.recent_skips = checkpoint["recent_skips"]
+        self.began_with = checkpoint.get("began_with")  # absent from checkpoints of before it was written
 
 
 def loss_weights(config: TrainConfig, task: Task) -> Weights:
@@ -391,11 +284,6 @@ def loss_weights(config: TrainConfig, task: Task) -> Weights:
         config.repeat * task.repeat,
         config.stroke,
     )
-
-
-def last_acceleration(before: Tensor) -> Tensor:
-    """Return the acceleration (B, 2) (m/s^2) that led to the last of the pan's states in (B, C, 8), C at least 2."""
-    return (before[:, -1, 2:4] - before[:, -2, 2:4]) / DT
 
 
 def settle_precision(precision: Precision, device: torch.device) -> Precision:

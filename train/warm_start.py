@@ -6,6 +6,7 @@ need; these rows stay as they are.
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -17,31 +18,36 @@ from torch import Tensor, nn
 from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, Bundle
 from runtime.errors import InputError
 from train.model import Seq2Seq
-from train.trainer import Trainer, load_checkpoint, load_model
+from train.trainer import CHECKPOINT, Trainer, load_checkpoint, load_model
 
 
 def begin_with(trainer: Trainer, source: Path) -> None:
     """Let a new run begin with the weights of another run or of a bundle; raises what `load_weights` raises."""
-    load_weights(trainer.model, source)
+    trainer.began_with = load_weights(trainer.model, source)
     trainer.average.module.load_state_dict(trainer.model.state_dict())
 
 
-def load_weights(model: Seq2Seq, source: Path) -> None:
+def load_weights(model: Seq2Seq, source: Path) -> dict[str, str]:
     """Give `model` the weights of a run's folder, a checkpoint or an fp32 bundle, in place.
+
+    Returns:
+        Its configuration's or the bundle's `name`, and the `sha256` of the checkpoint or of the bundle's manifest.
 
     Raises:
         FormatError, BundleError: it is none of these, or damaged.
         InputError: it is a network of another shape, which is named.
     """
     if (source / MANIFEST_FILE).exists():
-        Bundle.load(source)  # checks hashes and operators before anything here reads the graphs
+        bundle = Bundle.load(source)  # checks hashes and operators before anything here reads the graphs
         _load_bundle(model, source)
-        return
-    _, other = load_model(load_checkpoint(source))
+        return {"name": bundle.manifest.name, "sha256": bundle.sha256}
+    config, other = load_model(load_checkpoint(source))
     weights = other.state_dict()
     for name, tensor in model.state_dict().items():
         _check_shape(name, tensor.shape, weights[name].shape if name in weights else None, source)
     model.load_state_dict(weights)
+    checkpoint = source / CHECKPOINT if source.is_dir() else source
+    return {"name": config.name, "sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
 
 
 def _load_bundle(model: Seq2Seq, folder: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -13,13 +13,13 @@ import typer
 
 from benchmarks.accuracy import PAN_REACH, Outcome, PlanFunction, measure
 from benchmarks.suite import FAMILIES, Family, suite
-from runtime.cli import MM, AsJson, extra, print_json, run
+from runtime.cli import MM, AsJson, extra, print_json, run, say
 from runtime.friction import FloatArray, Friction
 from runtime.planner import Planner
 
 NAME = "benchmarks.peers"
-MPPI_COMMANDS = 4
-"""Commands of each family that the slowest planner is given, unless told otherwise; the table says how many."""
+PROBE = 400
+"""Samples of the command by which a planner's speed is estimated; the first ones, nearly at rest, cost less."""
 
 DEFAULT_FAMILIES = tuple(name for name in FAMILIES if name != "friction")
 
@@ -28,7 +28,8 @@ DEFAULT_FAMILIES = tuple(name for name in FAMILIES if name != "friction")
 class Row:
     """One planner on one family.
 
-    Lengths are in metres, `cpu` in seconds of processor time per plan, `speed` in samples per such second.
+    Lengths are in metres, `cpu` in seconds of processor time per plan, `times` that over the network's on the same
+    commands, `speed` in samples per second of processor time.
     """
 
     family: str
@@ -40,6 +41,7 @@ class Row:
     within: float
     change_mean: float
     cpu: float
+    times: float
     speed: float
 
 
@@ -51,35 +53,51 @@ def main(
     commands: Annotated[int | None, typer.Option(min=1, help="Only the first commands of each family.")] = None,
     candidates: Annotated[int, typer.Option(min=8, help="The optimizers' candidates in an iteration.")] = 512,
     iterations: Annotated[int, typer.Option(min=1, help="The optimizers' iterations in a planning.")] = 20,
-    mppi: Annotated[
-        int, typer.Option(min=0, help="Commands of each family that MPPI is given, its first ones; 0 leaves it out.")
-    ] = MPPI_COMMANDS,
+    mppi: Annotated[bool, typer.Option(help="Measure path integral control too, by pytorch-mppi.")] = True,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the network beside two sampling optimizers that are told the friction."""
+    """Measure the network beside two sampling optimizers that are told the friction; the whole takes some minutes."""
+    families = [first(each, commands) for each in suite(family or DEFAULT_FAMILIES).values()]
+    planner = Planner(model)
+    contestants: dict[str, PlanFunction] = {planner.bundle.manifest.name: one_by_one(planner)}
     with extra("train"):
         from benchmarks.peers.cross_entropy import CrossEntropy  # needs numba
-    planner, optimizer = Planner(model), CrossEntropy(candidates, iterations)
-    contestants: dict[str, tuple[PlanFunction, int | None]] = {
-        planner.bundle.manifest.name: (one_by_one(planner), None),
-        optimizer.name: (optimizer, None),
-    }
+    optimizer = CrossEntropy(candidates, iterations)
+    contestants[optimizer.name] = optimizer
     if mppi:
         with extra("dev"):
             from benchmarks.peers.mppi import PathIntegral  # needs pytorch-mppi
         integral = PathIntegral(candidates, iterations)
-        contestants[integral.name] = (integral, mppi)
-    rows = []
-    for chosen in suite(family or DEFAULT_FAMILIES).values():
-        for name, (plan, most) in contestants.items():
-            part = first(first(chosen, commands), most)
-            plan(part.positions[:1], part.frictions[:1])  # warms up, compiles
+        contestants[integral.name] = integral
+    samples = sum(len(position) for each in families for position in each.positions)
+    cost = {name: samples * seconds_per_sample(plan) for name, plan in contestants.items()}
+    say(NAME, f"about {sum(cost.values()) / 60.0:.1f} minutes of one core: {_shares(cost)}")
+    rows: list[Row] = []
+    for each in families:
+        network = 0.0
+        for name, plan in contestants.items():
+            say(NAME, f"{each.name}, {len(each)} commands: {name}")
             timed = Timed(plan)
-            rows.append(summary(name, measure(timed, part), timed.cpu))
+            outcome = measure(timed, each)
+            network = network or timed.cpu  # the network is the first
+            rows.append(summary(name, outcome, timed.cpu, network))
     if as_json:
         print_json({"rows": [vars(row) for row in rows]})
     else:
         _print(rows)
+
+
+def seconds_per_sample(plan: PlanFunction) -> float:
+    """Let a planner compile and warm up, and return what planning a sample takes then (s of processor time)."""
+    position = next(iter(suite(["spline"]).values())).positions[0][:PROBE]
+    plan([position], [Friction()])
+    timed = Timed(plan)
+    timed([position], [Friction()])
+    return timed.cpu / PROBE
+
+
+def _shares(cost: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {seconds:.0f} s" for name, seconds in cost.items())
 
 
 class Timed:
@@ -119,8 +137,8 @@ def first(family: Family, commands: int | None) -> Family:
     )
 
 
-def summary(planner: str, outcome: Outcome, cpu: float) -> Row:
-    """Sum up a planner's outcome on a family, for which it took `cpu` seconds of processor time."""
+def summary(planner: str, outcome: Outcome, cpu: float, network: float) -> Row:
+    """Sum up a planner's outcome on a family; it took `cpu` (s of processor time), the network `network`."""
     count = len(outcome.tracking)
     return Row(
         family=outcome.family.name,
@@ -132,6 +150,7 @@ def summary(planner: str, outcome: Outcome, cpu: float) -> Row:
         within=float(np.mean(outcome.pan_reach <= PAN_REACH)),
         change_mean=float(outcome.change_mean.mean()),
         cpu=cpu / count,
+        times=cpu / network,
         speed=sum(map(len, outcome.family.positions)) / cpu,
     )
 
@@ -139,7 +158,8 @@ def summary(planner: str, outcome: Outcome, cpu: float) -> Row:
 def _print(rows: Sequence[Row]) -> None:
     from benchmarks.tables import print_tables, table
 
-    header = ("family", "planner", "n", "RMSE", "worst", "reach", f"<= {PAN_REACH * MM:.0f}", "|du|", "ms", "samples/s")
+    within = f"<= {PAN_REACH * MM:.0f}"
+    header = ("family", "planner", "n", "RMSE", "worst", "reach", within, "|du|", "ms", "times", "samples/s")
     lines = [
         (
             row.family,
@@ -151,13 +171,13 @@ def _print(rows: Sequence[Row]) -> None:
             f"{row.within:.0%}",
             f"{row.change_mean:.2f}",
             f"{row.cpu * 1e3:.0f}",
+            f"{row.times:.0f}",
             f"{row.speed:,.0f}",
         )
         for row in rows
     ]
-    print_tables(
-        [table("RMSE, worst RMSE, worst pan reach (mm); processor time a plan, samples per s of it", header, lines)]
-    )
+    title = "RMSE, worst RMSE, worst pan reach (mm); processor time a plan, times the network's, samples per s of it"
+    print_tables([table(title, header, lines)])
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.peers.objective import HORIZON, KNOT, REPLAN, bounded, held_command, move, price_of_change
 from runtime.friction import GRAVITY, FloatArray, Friction
 
-ELITE_SHARE = 0.1
+ELITE_SHARE = 0.05
 """Share of the candidates to which mean and spread are fitted."""
 
 FRESH_SPREAD = 8.0
@@ -72,9 +72,17 @@ class CrossEntropy:
 
 @numba.njit  # type: ignore[untyped-decorator]
 def _price(
-    start: Any, before: Any, knots: Any, command: Any, first: int, static_limit: float, kinetic_limit: float, state: Any
+    start: Any,
+    before: Any,
+    knots: Any,
+    command: Any,
+    first: int,
+    static_limit: float,
+    kinetic_limit: float,
+    state: Any,
+    ceiling: float,
 ) -> float:
-    """Price one candidate from the state `start`; `state` is overwritten."""
+    """Price one candidate from the state `start`; infinite from `ceiling` on. `state` is overwritten."""
     state[:] = start
     price = 0.0
     last_x, last_y = before
@@ -83,6 +91,8 @@ def _price(
         price += price_of_change(ux, uy, last_x, last_y)
         price += move(state, ux, uy, command, first + KNOT * knot, static_limit, kinetic_limit)
         last_x, last_y = ux, uy
+        if price >= ceiling:
+            return np.inf
     return price
 
 
@@ -115,27 +125,40 @@ def _plan(
     mean = np.zeros((HORIZON, 2))
     spread = np.full((HORIZON, 2), FRESH_SPREAD)
     knots = np.empty((candidates, HORIZON, 2))
-    costs = np.empty(candidates)
+    elite, elite_costs = np.zeros(elites, np.int64), np.empty(elites)
     for first in range(0, samples, KNOT * REPLAN):
         best = mean.copy()
-        lowest = _price(state, before, best, command, first, static_limit, kinetic_limit, scratch)
+        lowest = _price(state, before, best, command, first, static_limit, kinetic_limit, scratch, np.inf)
         for iteration in range(iterations):
+            elite_costs[:] = np.inf
+            worst = 0  # of the elite so far; who costs more need not be rolled out to the end
             for candidate in range(candidates):
                 if candidate > 0 or iteration == 0:  # the best so far stays among the candidates
                     _draw(mean, spread, knots[candidate])
                 else:
                     knots[candidate] = best
-                costs[candidate] = _price(
-                    state, before, knots[candidate], command, first, static_limit, kinetic_limit, scratch
+                cost = _price(
+                    state,
+                    before,
+                    knots[candidate],
+                    command,
+                    first,
+                    static_limit,
+                    kinetic_limit,
+                    scratch,
+                    elite_costs[worst],
                 )
-            order = np.argsort(costs)[:elites]
-            if costs[order[0]] < lowest:
-                lowest = costs[order[0]]
-                best = knots[order[0]].copy()
+                if cost < elite_costs[worst]:
+                    elite_costs[worst], elite[worst] = cost, candidate
+                    worst = int(np.argmax(elite_costs))
+            cheapest = np.argmin(elite_costs)
+            if elite_costs[cheapest] < lowest:
+                lowest = elite_costs[cheapest]
+                best = knots[elite[cheapest]].copy()
             for knot in range(HORIZON):
                 for axis in range(2):
-                    mean[knot, axis] = knots[order, knot, axis].mean()
-                    spread[knot, axis] = knots[order, knot, axis].std()
+                    mean[knot, axis] = knots[elite, knot, axis].mean()
+                    spread[knot, axis] = knots[elite, knot, axis].std()
         for knot in range(REPLAN):
             begin = first + KNOT * knot
             u[begin : begin + KNOT] = best[knot]

@@ -15,8 +15,7 @@ from typing import Any
 import numba
 import numpy as np
 import torch
-from pytorch_mppi import KMPPI, MPPI
-from pytorch_mppi.mppi import RBFKernel
+from pytorch_mppi import MPPI
 from torch import Tensor
 
 from benchmarks.peers.objective import (
@@ -31,14 +30,11 @@ from benchmarks.peers.objective import (
 )
 from runtime.friction import GRAVITY, FloatArray, Friction
 
-TEMPERATURE = 1e-4
+TEMPERATURE = 1e-5
 """What a price is divided by in a candidate's weight exp(-price/temperature), in the prices' own unit."""
 
-SPREAD = 5.0
+SPREAD = 2.0
 """Standard deviation of the perturbations (m/s^2)."""
-
-SUPPORTS = 0
-"""Control points of the kernel-smoothed variant (KMPPI) over the horizon; 0: plain MPPI, every knot by itself."""
 
 WIDTH = 11
 """Numbers in a state: eight of pan and object, two of the acceleration before, and the price of the last knot."""
@@ -84,19 +80,18 @@ class PathIntegral:
         return u[:samples]
 
     def _controller(self, law: _Law) -> MPPI:
-        settings: dict[str, Any] = {
-            "nx": WIDTH,
-            "noise_sigma": SPREAD**2 * torch.eye(2, dtype=torch.float64),
-            "num_samples": self.candidates,
-            "horizon": HORIZON,
-            "lambda_": TEMPERATURE,
-            "u_max": torch.full((2,), ACCELERATION, dtype=torch.float64),
-            "U_init": torch.zeros(HORIZON, 2, dtype=torch.float64),
-            "step_dependent_dynamics": True,
-        }
-        if SUPPORTS:
-            return KMPPI(law.step, law.price, num_support_pts=SUPPORTS, kernel=RBFKernel(sigma=1.0), **settings)
-        return MPPI(law.step, law.price, **settings)
+        return MPPI(
+            law.step,
+            law.price,
+            nx=WIDTH,
+            noise_sigma=SPREAD**2 * torch.eye(2, dtype=torch.float64),
+            num_samples=self.candidates,
+            horizon=HORIZON,
+            lambda_=TEMPERATURE,
+            u_max=torch.full((2,), ACCELERATION, dtype=torch.float64),
+            U_init=torch.zeros(HORIZON, 2, dtype=torch.float64),
+            step_dependent_dynamics=True,
+        )
 
 
 class _Law:

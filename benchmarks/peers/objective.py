@@ -16,8 +16,8 @@ from runtime.friction import DT, FloatArray, slide_step
 KNOT = 10
 """Samples for which an acceleration is constant."""
 
-HORIZON = 25
-"""Knots that are planned at a time: 250 ms."""
+HORIZON = 40
+"""Knots that are planned at a time: 400 ms. In 250 ms a planner does not see that the pan will have to come back."""
 
 REPLAN = 5
 """Knots executed before the next planning: 50 ms."""
@@ -69,9 +69,8 @@ def move(state: Any, ux: float, uy: float, command: Any, k: int, static_limit: f
         vy += uy * DT
         k += 1
         price += (px - command[k, 0]) ** 2 + (py - command[k, 1]) ** 2
-        over = np.sqrt(x * x + y * y) - PAN_LIMIT
-        if over > 0.0:
-            price += LIMIT_PRICE * over * over
+        if x * x + y * y > PAN_LIMIT**2:
+            price += LIMIT_PRICE * (np.sqrt(x * x + y * y) - PAN_LIMIT) ** 2
     state[0], state[1], state[2], state[3] = x, y, vx, vy
     state[4], state[5], state[6], state[7] = px, py, wx, wy
     return price

@@ -98,12 +98,13 @@ def test_speed_and_training_as_json(
     bench(monkeypatch, "--model", tiny_bundle, "--only", "speed", "--only", "control", "--only", "training", "--json")
     results = json.loads(capsys.readouterr().out)
     assert "accuracy" not in results
-    assert set(results["speed"]) == {"single", "compiled", "batch", "large", "law", "slide_plan"}
+    assert set(results["speed"]) == {"single", "compiled", "batch", "network", "large", "law", "slide_plan"}
     for name, commands in (("single", 1), ("compiled", 1), ("large", 1), ("batch", 64)):
         planning = results["speed"][name]
         assert planning["commands"] == commands
         assert planning["ratio_to_torch"] > 0.0
         assert set(planning["samples_per_second"]) == {"median", "p10", "p90", "count"}
+    assert all(results["speed"]["network"][name] > 0.0 for name in ("step_ratio_to_torch", "ratio_to_torch"))
     assert results["control"]["step"]["count"] == 30
     assert results["control"]["step"]["p50"] <= results["control"]["step"]["p99"] <= results["control"]["step"]["p999"]
     assert 10e6 < results["control"]["memory"] < 1e9
@@ -111,6 +112,7 @@ def test_speed_and_training_as_json(
     assert results["training"]["samples"] == 1000
     (projection,) = results["training"]["projections"]
     assert (projection["configuration"], projection["samples"], projection["steps"]) == ("smoke", 300, 20)
+    assert projection["epoch"] == pytest.approx(2 * projection["step"])
     assert projection["duration"] == pytest.approx(20 * projection["step"])
     sections = ("speed", "control", "training")
     assert [target["figure"] for target in results["targets"]] == [
@@ -125,7 +127,7 @@ def test_refinement_and_long_commands_as_json(
     bench(monkeypatch, "--model", tiny_bundle, "--only", "refine", "--only", "long", "--json")
     results = json.loads(capsys.readouterr().out)
     refined = results["refine"]["families"]
-    assert set(refined) == {"spline", "shapes", "stops"}
+    assert set(refined) == {"spline", "shapes", "stops", "long", "short", "odd"}
     # On a busy machine the time may be up before a step is done.
     assert all(0.0 < each["after"] <= each["before"] and each["optimizer"] > 0.0 for each in refined.values())
     assert results["refine"]["worse"] == 0

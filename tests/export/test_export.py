@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from export import bundle as bundle_module
-from export.bundle import export_bundle
+from export.bundle import export_bundle, training_command
 from export.cli import export_main
 from export.onnx_export import decoder_step_graph, encoder_graph
 from export.quantize import QuantizationError, quantize_bundle
@@ -60,6 +60,23 @@ def test_manifest_says_how_the_bundle_was_made(run, tmp_path):
     assert manifest.training["configuration"] == config.model_dump(mode="json")
     assert manifest.trained_on["static"] == config.static_range
     assert set(manifest.evaluation) == {f"{name}_{what}" for name in config.families for what in ("tracking", "reach")}
+
+
+def test_manifest_says_what_the_training_began_with(run, tmp_path):
+    export_bundle(run, tmp_path / "bundle")
+    training = Bundle.load(tmp_path / "bundle").manifest.training
+    assert (training["command"], training["began_with"]) == ("slide-train smoke", None)
+    began_with = {"name": "base", "sha256": "0" * 64}
+    checkpoint = load_checkpoint(run) | {"began_with": began_with}
+    torch.save(checkpoint, tmp_path / "checkpoint.pt")
+    export_bundle(tmp_path / "checkpoint.pt", tmp_path / "bundle")
+    training = Bundle.load(tmp_path / "bundle").manifest.training
+    assert (training["command"], training["began_with"]) == ("slide-train smoke --init base", began_with)
+
+
+def test_training_command_leaves_open_what_the_checkpoint_does_not_know():
+    assert training_command(load_config("paper", model="B"), None) == "slide-train paper --model B"
+    assert training_command(load_config("default"), None) == "slide-train default --init RUN_OR_BUNDLE"
 
 
 @pytest.mark.parametrize("changes", [{"command_ahead": 0}, {"acceleration_bound": None}, {"layers": 1}, {"layers": 3}])
@@ -151,6 +168,29 @@ def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_pat
     position = 0.05 * np.sin(np.arange(300) / 100.0)[:, None] * [1.0, 0.5]
     asked = [planner.plan(position, limits=NO_LIMITS).pan_acceleration[:100] for planner in (fp32, int8)]
     assert 0.0 < np.abs(asked[0] - asked[1]).max() < 0.1 * np.abs(asked[0]).max()
+
+
+def test_int8_plan_is_the_same_to_the_last_bit_whatever_is_planned_with_it(run, tmp_path):
+    export_bundle(run, tmp_path / "fp32")
+    quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    planner = Planner(tmp_path / "int8")
+    wave = np.sin(np.arange(300) / 100.0)[:, None] * [1.0, 0.5]
+    commands = [size * wave for size in (0.05, 0.001, 0.14, 3.0)]
+    for command, together in zip(commands, planner.plan_batch(commands), strict=True):
+        alone = planner.plan(command)
+        np.testing.assert_array_equal(together.pan_acceleration, alone.pan_acceleration)
+        np.testing.assert_array_equal(together.object_position, alone.object_position)
+
+
+def test_int8_of_a_bundle_trained_on_nothing_that_moves_is_refused(run, tmp_path):
+    export_bundle(run, tmp_path / "fp32")
+    path = tmp_path / "fp32" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["trained_on"]["speed"] = [0.0, 0.0]
+    path.write_text(json.dumps(manifest))
+    with pytest.raises(QuantizationError, match="trained on a speed of 0"):
+        quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    assert [path.name for path in tmp_path.iterdir()] == ["fp32"]
 
 
 def test_int8_bundle_that_plans_worse_is_refused_and_not_written(run, tmp_path, monkeypatch):

@@ -105,7 +105,7 @@ def drive(pan: Pan, kinds: list[str], seed: int) -> tuple[Array, Array, list[Mot
 def check_limits(pan: Pan, u: Array, states: Array) -> None:
     limits = pan.limits
     moved = integrate_pan(np.array(pan.state[:4]), u)
-    np.testing.assert_allclose(moved, states, rtol=0.0, atol=TOLERANCE)
+    assert np.abs(moved - states).max() <= TOLERANCE
     assert np.hypot(*u.T).max() <= limits.acceleration + TOLERANCE
     change = np.diff(np.concatenate([[pan.state[4:]], u]), axis=0)
     assert np.hypot(*change.T).max() <= limits.jerk * DT + TOLERANCE
@@ -122,7 +122,7 @@ def test_limits_hold_whatever_is_asked_for_and_a_stop_leads_on(pan: Pan, kinds: 
         stop = motion.brake.accelerations(max(1, motion.brake.samples))
         end = slice(0, (index + 1) * CHUNK)
         check_limits(pan, np.concatenate([u[end], stop]), np.concatenate([states[end], _after(motion, stop)]))
-        np.testing.assert_allclose(_after(motion, stop)[-1, 2:], 0.0, atol=TOLERANCE)
+        assert np.abs(_after(motion, stop)[-1, 2:]).max() <= TOLERANCE
         assert not stop[-1].any()
 
 
@@ -137,7 +137,7 @@ def test_brake_stops_within_its_limits_and_its_hull(pan: Pan) -> None:
     u = brake.accelerations(brake.samples)
     states = integrate_pan(np.array(pan.state[:4]), u)
     check_limits(pan, u, states)
-    np.testing.assert_allclose(states[-1, 2:], 0.0, atol=TOLERANCE)
+    assert np.abs(states[-1, 2:]).max() <= TOLERANCE
     farthest = max(math.hypot(pan.state.x, pan.state.y), float(np.hypot(*states[:, :2].T).max()))
     assert farthest <= stop_reach(pan.state, brake) + 1e-12
     np.testing.assert_array_equal(u[1:], brake._replace(done=1).accelerations(brake.samples - 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 import textwrap
@@ -90,6 +91,17 @@ def test_planning_works_without_the_packages_of_the_extras(bundle_path: Path, tm
         [sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "1200\nTrue\n", "")
+
+
+def test_planning_leaves_nothing_in_the_home_folder(bundle_path: Path, tmp_path: Path) -> None:
+    program = f"import runtime; runtime.Planner({str(bundle_path)!r})"
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("ORT_", "XDG_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT, env={**kept, "HOME": str(tmp_path)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_arm_is_imported_without_pybullet_until_it_is_used() -> None:

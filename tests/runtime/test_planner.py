@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Status
-from runtime.friction import BATCHED_FROM, integrate_pan, rollout
+from runtime.friction import BATCHED_FROM, compile_law, integrate_pan, rollout
 from runtime.limits import NO_LIMITS
 
 Curve = Callable[..., NDArray[np.float64]]
@@ -160,6 +160,19 @@ def test_batch_gives_the_lone_plans(planner: Planner, make_curve: Curve, count: 
         assert distance(plan, planner.plan(command, friction)) < 1e-6
         assert all(getattr(plan, name).base is None for name in ARRAYS)  # it does not keep the batch alive
         np.testing.assert_allclose(plan.replay()[:, :2], plan.object_position, atol=1e-12)
+
+
+def test_batch_by_the_compiled_law_is_the_same_to_the_last_bit(planner: Planner, make_curve: Curve) -> None:
+    pytest.importorskip("numba")
+    commands = [make_curve(300, seed) for seed in range(BATCHED_FROM + 4)]
+    plain = planner.plan_batch(commands)
+    try:
+        assert compile_law()
+        compiled = planner.plan_batch(commands)
+    finally:
+        assert not compile_law(False)
+    for one, other in zip(plain, compiled, strict=True):
+        np.testing.assert_array_equal(one.object_position, other.object_position)
 
 
 def test_batch_takes_commands_arrays_and_none(planner: Planner, make_curve: Curve) -> None:

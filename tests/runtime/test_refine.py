@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from runtime import Friction, InputError, Limits, Plan, Planner, Start
 from runtime import refine as refine_module
 from runtime.decoding import begin
-from runtime.descent import BLOCK, REACH_WEIGHT, ROW, SIZE, linearize
+from runtime.descent import BLOCK, REACH_WEIGHT, ROW, SIZE
 from runtime.friction import DT, slide_step
 from runtime.limits import NO_LIMITS
+from runtime.linearization import linearize
 from runtime.refine import PLAIN, Effort, refine
 
 Array = NDArray[np.float64]
@@ -123,9 +124,9 @@ def test_an_object_that_turns_round_answers_later_to_a_faster_arrival() -> None:
     """By the law the velocity after turning is that of a later start; whole samples hide it from its derivative."""
     u, low, high = 14.0, 0.1, 0.3
     measured = (_slid(high, u, 60) - _slid(low, u, 60)) / (high - low)
-    turned = linearize(1e-3, 0.0, u, 0.0, u, 0.0, 9.8, 4.9)
+    turned = linearize(1e-3, 0.0, u, 0.0, u, 0.0, 9.8, 4.9, DT)
     assert turned[0] == pytest.approx(measured, abs=0.05)
-    assert linearize(1e-3, 0.0, 9.0, 0.0, 9.0, 0.0, 9.8, 4.9) == (0.0,) * 6  # comes to rest and stays
+    assert linearize(1e-3, 0.0, 9.0, 0.0, 9.0, 0.0, 9.8, 4.9, DT) == (0.0,) * 6  # comes to rest and stays
 
 
 def test_an_object_breaks_away_earlier_under_a_stronger_push() -> None:
@@ -136,7 +137,7 @@ def test_an_object_breaks_away_earlier_under_a_stronger_push() -> None:
         return vx
 
     measured = (after(2.0) - after(-2.0)) / 4.0
-    whole = linearize(0.0, 0.0, 10.0, 0.0, 9.5, 0.0, 9.8, 4.9)[3] - 39 * DT  # one sample breaking away, 39 sliding
+    whole = linearize(0.0, 0.0, 10.0, 0.0, 9.5, 0.0, 9.8, 4.9, DT)[3] - 39 * DT  # one sample breaking away, 39 sliding
     assert whole == pytest.approx(measured, rel=0.2)
 
 

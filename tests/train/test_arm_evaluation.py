@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from runtime.planner import DEFAULT_BUNDLE
+from train.batches import make_batch
 from train.closed_loop import decode
 from train.commands import free_commands
 from train.evaluate import NetworkStream, commands_of, load_subject
 from train.model import Seq2Seq
-from train.trainer import make_batch
 
 
 def test_stream_of_a_network_is_its_decoding():

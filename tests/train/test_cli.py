@@ -74,6 +74,7 @@ def test_evaluation_reproduces_the_papers_figures(folder):
     row = tables["smoke"]["moves"]
     assert 0 < row["rmse_median"] <= row["rmse_worst"]
     document = (folder / "docs" / "reproduction.md").read_text()
+    assert "| B | model A, 160 trajectories; no limits |" in document
     for picture in ("reproduction-trajectories.png", "reproduction-friction.png"):
         assert picture in document
         assert (folder / "docs" / picture).read_bytes().startswith(b"\x89PNG")

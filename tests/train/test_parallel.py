@@ -89,6 +89,12 @@ def test_two_processes_go_on_from_a_run_of_one_by_the_command_line(runs):
     assert_same_weights(folder / "one", folder / "half")
 
 
+def test_torchrun_leaves_the_short_name_of_the_runs_folder_to_us(tmp_path):
+    done = torchrun("-m", "train", "smoke", "-o", "mine", "--epochs", "1", "--device", "cpu", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert load_checkpoint(tmp_path / "mine")["epoch"] == 1
+
+
 def test_batch_that_cannot_be_shared_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr("train.parallel.processes", lambda: 3)
     monkeypatch.setattr("train.parallel.rank", lambda: 0)

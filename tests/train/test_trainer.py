@@ -5,14 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 
-import numpy as np
 import pytest
 import torch
 
 import train.trainer as trainer_module
 from runtime.errors import FormatError, InputError, OutputError
 from train.config import load_config
-from train.curriculum import CURRICULA, task_at
 from train.trainer import CHECKPOINT, SKIP_LIMIT, Trainer, TrainingError, learning_rate, load_checkpoint, load_model
 
 
@@ -150,51 +148,6 @@ def test_checkpoint_cannot_run_code(tmp_path):
     with pytest.raises(FormatError):
         load_checkpoint(tmp_path)
     assert not (tmp_path / "ran").exists()
-
-
-def disturbed(**shares):
-    """The smoke configuration with every trajectory of stage 5 disturbed in the ways given, and that stage's task."""
-    config = trainer_module.TrainConfig.model_validate(load_config("smoke").model_dump() | shares)
-    return config, task_at(CURRICULA[config.curriculum], "A", config.epochs, config.epochs)
-
-
-def test_mid_course_batch_begins_where_the_network_led_it(tmp_path):
-    config, task = disturbed(lead_in=1.0, lead_in_chunks=(2, 2))
-    drawn = trainer_module.draw(config, task, np.random.default_rng(0))
-    model = trainer_module.build_model(config)
-    whole, batch = drawn.batch, trainer_module.disturb(model, drawn.batch, drawn.disturbance)
-    mark = whole.command[:, 200, :2]
-    assert batch.command.shape[1] == whole.command.shape[1] - 200
-    assert torch.allclose(batch.command[:, 0, :2], torch.zeros_like(mark))
-    assert torch.allclose(batch.object_position + mark[:, None], whole.object_position[:, 200:])
-    motion = trainer_module.decode(model, whole.command, whole.static_limit, whole.kinetic_limit)
-    led = motion.states[:, 100:200].detach()
-    assert torch.allclose(batch.before[..., :4], led[..., :4])
-    assert torch.allclose(batch.before[..., 4:6] + mark[:, None], led[..., 4:6])
-    assert torch.equal(batch.noise, torch.zeros_like(batch.noise))
-
-
-def test_displaced_trajectories_begin_off_the_centre_and_off_their_mark():
-    config, task = disturbed(displaced=1.0)
-    drawn = trainer_module.draw(config, task, np.random.default_rng(0))
-    batch = trainer_module.disturb(trainer_module.build_model(config), drawn.batch, drawn.disturbance)
-    assert (batch.before == batch.before[:, :1]).all()
-    reach = torch.linalg.vector_norm(batch.before[:, -1, :2], dim=-1)
-    assert ((reach > 0.0) & (reach <= config.start_reach)).all()
-    assert (batch.before[:, -1, 4:6] != 0.0).all()
-
-
-def test_noise_is_seen_but_does_not_move_anything():
-    config, task = disturbed(noisy=1.0)
-    drawn = trainer_module.draw(config, task, np.random.default_rng(0))
-    batch = trainer_module.disturb(trainer_module.build_model(config), drawn.batch, drawn.disturbance)
-    assert batch.noise[..., [0, 1, 4, 5]].std().item() == pytest.approx(config.noise[0], rel=0.05)
-    assert batch.noise[..., [2, 3, 6, 7]].std().item() == pytest.approx(config.noise[1], rel=0.05)
-    model = trainer_module.build_model(config)
-    law = batch.static_limit, batch.kinetic_limit
-    plain, noisy = (trainer_module.decode(model, batch.command, *law, noise=noise) for noise in (None, batch.noise))
-    assert torch.equal(plain.u[:, :100], noisy.u[:, :100])
-    assert not torch.equal(plain.u[:, 100:200], noisy.u[:, 100:200])
 
 
 def test_learning_rate_falls_along_a_cosine():

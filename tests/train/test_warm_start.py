@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import pytest
 import torch
 
 from export.bundle import export_bundle
+from runtime.bundle import Bundle
 from runtime.errors import FormatError, InputError
 from train.config import load_config
-from train.trainer import Trainer, build_model
-from train.warm_start import load_weights
+from train.trainer import Trainer, build_model, load_checkpoint
+from train.warm_start import begin_with, load_weights
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +44,25 @@ def test_weights_of_a_bundle_are_its_networks_but_for_the_covariances(run, tmp_p
         rows = 2 * model.chunk if name.startswith("output") else len(tensor)
         assert torch.equal(tensor[:rows], weights[name][:rows]), name
         assert torch.equal(tensor[rows:], fresh[name][rows:]), name
+
+
+def test_run_remembers_what_it_began_with_and_its_bundle_tells(run, tmp_path):
+    folder, _ = run
+    export_bundle(folder, tmp_path / "first")
+    sha256 = {
+        folder: hashlib.sha256((folder / "checkpoint.pt").read_bytes()).hexdigest(),
+        tmp_path / "first": Bundle.load(tmp_path / "first").sha256,
+    }
+    for number, source in enumerate(sha256):
+        trainer = Trainer(load_config("smoke"), tmp_path / f"run{number}")
+        begin_with(trainer, source)
+        trainer.save()
+        resumed = Trainer(load_config("smoke"), tmp_path / f"run{number}")
+        resumed.resume(load_checkpoint(tmp_path / f"run{number}"))
+        resumed.save()
+        manifest = export_bundle(tmp_path / f"run{number}", tmp_path / f"bundle{number}").manifest
+        assert manifest.training["began_with"] == {"name": "smoke", "sha256": sha256[source]}
+        assert manifest.training["command"] == "slide-train smoke --init smoke"
 
 
 def test_network_of_another_width_is_refused(run, tmp_path):

@@ -58,8 +58,6 @@ def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
         "32",
         "--iterations",
         "1",
-        "--mppi",
-        "1",
     ]
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.peers", *map(str, arguments), "--json"],
@@ -72,6 +70,10 @@ def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
     assert [(row["planner"], row["commands"]) for row in rows] == [
         ("tiny", 2),
         ("CEM 32 x 1", 2),
-        ("MPPI 32 x 1", 1),
+        ("MPPI 32 x 1", 2),
     ]
     assert all(row["cpu"] > 0 and row["speed"] > 0 for row in rows)
+    assert [row["times"] for row in rows] == pytest.approx([row["cpu"] / rows[0]["cpu"] for row in rows])
+    progress = done.stderr.splitlines()
+    assert "minutes of one core: tiny " in progress[0]
+    assert progress[1:] == [f"benchmarks.peers: spline, 2 commands: {row['planner']}" for row in rows]

@@ -1,0 +1,207 @@
+"""Builds a bundle's two graphs in 8-bit integers, from the weights of its fp32 ones.
+
+A product x W of activations and weights becomes a product of integers. The weights are quantized per output and keep
+to seven bits: where a processor has no 8-bit dot product, products of full-range weights overflow in pairs. The
+activations are quantized by scales that are fixed here: what a unit puts out lies between -1 and 1, and the inputs are
+divided by their ranges (`ranges`) and held there. Sums of integers have no rounding, so a command's plan does not
+depend on what else is in its batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+
+from export.onnx_export import GraphBuilder, add_bound
+from runtime.bundle import Manifest
+from runtime.documents import FloatArray
+from train.model import ACCELERATION_SCALE
+
+Weights = Mapping[str, NDArray[Any]]
+
+STEPS = 127
+"""Steps of an activation from 0 to 1."""
+
+MAX_WEIGHT = 63
+
+SHUT, OPEN = -40.0, 40.0
+"""What is put into a gate that is to let nothing through, or everything, in float32."""
+
+FULL = 20.0
+"""A cell whose tanh is 1 in float32."""
+
+CONTRIBUTED = "com.microsoft"
+"""Domain of onnxruntime's own operators."""
+
+
+def weights_of(graph: bytes) -> Weights:
+    """Return the weights of a serialized graph by name."""
+    return {weight.name: numpy_helper.to_array(weight) for weight in onnx.load_from_string(graph).graph.initializer}
+
+
+def ranges(manifest: Manifest) -> tuple[FloatArray, FloatArray]:
+    """Return how far the inputs are told apart: beyond, they count as that far.
+
+    Commands may go half as far again, and half as fast, as those trained on. Under these an object came to 0.9 of the
+    reach, 1.6 of the speed, and a pan to 0.95 of its limit and twice the speed.
+
+    Returns:
+        (4C,) of a command chunk, and (8C + 4C command_ahead,) of an observation (m, m/s), laid out as these are.
+    """
+    reach, speed = (manifest.trained_on[name][1] for name in ("reach", "speed"))
+    pan = [1.25 * manifest.pan_limit] * 2 + [3.0 * speed] * 2
+    sliding = [1.5 * reach] * 2 + [2.0 * speed] * 2
+    command = np.tile([1.5 * reach] * 2 + [1.5 * speed] * 2, manifest.chunk)
+    states = np.tile(pan + sliding, manifest.chunk)
+    return command, np.concatenate([states, np.tile(command, manifest.command_ahead)])
+
+
+def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
+    """Return the serialized encoder.
+
+    onnxruntime's LSTM in integers takes the smallest and the largest of all its input, and of all that its units put
+    out, for the range to be quantized. Two more columns, which are always 1 and -1 and have no weights, and two more
+    units, which put out the same and are cut off in the end, make both ranges [-1, 1], whatever is in the batch.
+    """
+    graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
+    scale = weights["scale"].astype(np.float64)
+    size = ranges(manifest)[0]
+    low, zero, high = (graph.scalar(name, value) for name, value in (("low", -1.0), ("zero", 0.0), ("high", 1.0)))
+    x = graph.node("Mul", ["command", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
+    x = graph.node("Transpose", [graph.node("Clip", [x, low, high], "held")], "time_major", perm=[1, 0, 2])
+    begin, end, axis = graph.axes("begin", 0), graph.axes("end", 1), graph.axes("column_axis", 2)
+    column = graph.node("Slice", [x, begin, end, axis], "column")
+    ends = [graph.node("Clip", [column, value, value], f"always_{value}") for value in (high, low)]
+    x = graph.node("Concat", [x, *ends], "padded", axis=2)
+    nothing = graph.node("Clip", [graph.node("Slice", [column, begin, end, begin], "first"), zero, zero], "nothing")
+    cells = np.zeros((1, 1, units + 2), dtype=np.float32)
+    cells[..., units:] = FULL, -FULL
+    cells_before = graph.node("Add", [nothing, graph.constant("cells", cells)], "cells_before")
+
+    size = scale * size
+    for layer in layers:
+        w, r, b = _lstm(weights, layer)
+        names = [f"lstm{layer}.{name}" for name in ("W", "W_scale", "W_zero", "R", "R_scale", "R_zero")]
+        for matrix, (integers, scales, zeros) in zip((w * size, r), (names[:3], names[3:]), strict=True):
+            value, step = _integers(_two_more_units(np.pad(matrix.T, ((0, 2), (0, 0)))))
+            graph.constant(integers, value[None])
+            graph.constant(scales, step[None])
+            graph.constant(zeros, np.zeros((1, len(step)), dtype=np.int8))
+        gates = _two_more_units(b, (SHUT, OPEN, OPEN, 0.0))
+        bias = graph.constant(f"lstm{layer}.B", np.concatenate([gates, 0.0 * gates])[None].astype(np.float32))
+        inputs = [x, names[0], names[3], bias, "", "", cells_before, "", *names[1:3], *names[4:]]
+        outputs = [f"y{layer}", f"h{layer}", f"c{layer}"]
+        graph.nodes.append(
+            helper.make_node(
+                "DynamicQuantizeLSTM", inputs, outputs, f"lstm{layer}", domain=CONTRIBUTED, hidden_size=units + 2
+            )
+        )
+        if layer + 1 < manifest.layers:
+            x = graph.node("Squeeze", [f"y{layer}", end], f"x{layer + 1}")
+            size = np.ones(units)
+    first = graph.axes("units", units)
+    for name in ("hidden", "cell"):
+        every = graph.node("Concat", [f"{name[0]}{layer}" for layer in layers], f"{name}_padded", axis=0)
+        graph.node("Slice", [every, begin, first, axis], name)
+    state: list[str | int] = [manifest.layers, "batch", units]
+    return graph.model(
+        "encoder",
+        {"command": ["batch", "chunks", 4 * manifest.chunk]},
+        {"hidden": state, "cell": state},
+        (CONTRIBUTED,),
+    )
+
+
+def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
+    """Return the serialized decoder iteration, its LSTM layers written out."""
+    graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
+    graph.scalar("step", 1.0 / STEPS)
+    graph.constant("middle", np.array(128, dtype=np.uint8))
+    size = ranges(manifest)[1]
+    x = graph.node("Mul", ["observation", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
+    x = _quantize(graph, x)
+    axis = graph.axes("layer_axis", 0)
+    before = {
+        name: [
+            graph.node("Squeeze", [part, axis], f"{part}_before")
+            for part in graph.split(name, [f"{name}{n}" for n in layers], axis=0, num_outputs=manifest.layers)
+        ]
+        for name in ("hidden", "cell")
+    }
+    after: dict[str, list[str]] = {"hidden": [], "cell": []}
+    thirds = graph.axes("gates_and_cell", 3 * units, units)
+    size = weights["scale"].astype(np.float64) * size
+    for layer in layers:
+        w, r, b = _lstm(weights, layer)
+        x = graph.node("Concat", [x, _quantize(graph, before["hidden"][layer])], f"seen{layer}", axis=1)
+        x = _linear(graph, f"lstm{layer}", x, np.concatenate([w * size, r], axis=1), b)
+        gates, new = graph.split(x, [f"gates{layer}", f"new{layer}"], thirds, axis=1)
+        gates = graph.node("Sigmoid", [gates], f"open{layer}")
+        i, o, f = graph.split(gates, [f"{name}{layer}" for name in "iof"], axis=1, num_outputs=3)
+        kept = graph.node("Mul", [f, before["cell"][layer]], f"kept{layer}")
+        added = graph.node("Mul", [i, graph.node("Tanh", [new], f"c{layer}")], f"added{layer}")
+        cell = graph.node("Add", [kept, added], f"next_cell{layer}")
+        hidden = graph.node("Mul", [o, graph.node("Tanh", [cell], f"shown{layer}")], f"next_hidden{layer}")
+        for name, value in (("hidden", hidden), ("cell", cell)):
+            after[name].append(graph.node("Unsqueeze", [value, axis], f"{value}_after"))
+        x, size = _quantize(graph, hidden), np.ones(units)
+    for name, values in after.items():
+        graph.node("Concat", values, f"{name}_out", axis=0)
+
+    x = _linear(graph, "feedforward", x, weights["feedforward.weight"], weights["feedforward.bias"])
+    x = _quantize(graph, graph.node("Tanh", [x], "features"))
+    w, b = (ACCELERATION_SCALE * weights[f"output.{name}"].astype(np.float64) for name in ("weight", "bias"))
+    x = _linear(graph, "output", x, w, b)
+    bound = manifest.acceleration_bound
+    shape = graph.axes("acceleration_shape", 0, manifest.chunk, 2)
+    x = graph.node("Reshape", [x, shape], "pan_acceleration" if bound is None else "unbounded")
+    if bound is not None:
+        add_bound(graph, x, bound)
+    state: list[str | int] = [manifest.layers, "batch", units]
+    return graph.model(
+        "decoder_step",
+        {"observation": ["batch", len(ranges(manifest)[1])], "hidden": state, "cell": state},
+        {"pan_acceleration": ["batch", manifest.chunk, 2], "hidden_out": state, "cell_out": state},
+    )
+
+
+def _lstm(weights: Weights, layer: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a layer's weights of its input and of its memory, (4 units, ...), and its bias (4 units,)."""
+    w, r, b = (weights[f"lstm{layer}.{name}"][0].astype(np.float64) for name in "WRB")
+    half = len(b) // 2
+    return w, r, b[:half] + b[half:]
+
+
+def _quantize(graph: GraphBuilder, x: str) -> str:
+    """Add the activations in integers, from values in [-1, 1]; what is beyond is held there."""
+    return graph.node("QuantizeLinear", [x, "step", "middle"], f"{x}_integers")
+
+
+def _linear(graph: GraphBuilder, name: str, x: str, weight: FloatArray, bias: FloatArray) -> str:
+    """Add weight x + bias (outputs, inputs) of activations in integers."""
+    integers, scale = _integers(weight.T)
+    total = graph.node("MatMulInteger", [x, graph.constant(f"{name}.weight", integers), "middle"], f"{name}_total")
+    total = graph.node("Cast", [total], f"{name}_float", to=TensorProto.FLOAT)
+    scaled = graph.node("Mul", [total, graph.constant(f"{name}.scale", scale / np.float32(STEPS))], f"{name}_scaled")
+    return graph.node("Add", [scaled, graph.constant(f"{name}.bias", bias.astype(np.float32))], name)
+
+
+def _integers(weight: FloatArray) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+    """Return weights (inputs, outputs) in integers, and what one is worth in each output."""
+    largest = np.abs(weight).max(axis=0)
+    scale = np.where(largest > 0.0, largest, 1.0) / MAX_WEIGHT
+    return np.round(weight / scale).astype(np.int8), scale.astype(np.float32)
+
+
+def _two_more_units(gates: FloatArray, fill: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> FloatArray:
+    """Return the gates i, o, f, c along the last axis with two more units in each, which have the value `fill`."""
+    parts = np.split(gates, 4, axis=-1)
+    width = [(0, 0)] * (gates.ndim - 1) + [(0, 2)]
+    return np.concatenate(
+        [np.pad(part, width, constant_values=value) for part, value in zip(parts, fill, strict=True)], axis=-1
+    )
