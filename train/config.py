@@ -57,6 +57,7 @@ class TrainConfig(BaseModel):
     alpha: Positive = Field(1.0, description="weight of the tracking loss, Eq. 22")
     beta: NonNegative = Field(2000.0, description="weight of the pan limit, Eq. 23")
     gamma: NonNegative = Field(0.1, description="weight of the change of acceleration, Eq. 24")
+    late_gamma: NonNegative | None = Field(None, description="gamma in the late stages; None: the same")
     repeat: NonNegative = Field(0.0, description="weight of a pan that does not repeat itself every stroke")
     stroke: Count = Field(50, description="samples in which the object is to stick and slip once")
     jerk: NonNegative = Field(0.0, description="weight of jerk beyond jerk_limit, on top of gamma")
@@ -138,11 +139,16 @@ CONFIGURATIONS: dict[str, TrainConfig] = {
         name="default",
         families=BROAD,
         curriculum="mid-course",
-        epochs=8,
-        learning_rate=5e-4,
+        epochs=110,
+        learning_rate=6e-4,
+        final_learning_rate=5e-6,
+        gamma=0.12,
+        late_gamma=0.35,
         jerk=1.0,
         lead_in=0.4,
-        displaced=0.2,
+        lead_in_chunks=(1, 12),
+        displaced=0.25,
+        start_reach=0.17,
         noisy=0.2,
         threads=1,
     ),

@@ -24,6 +24,7 @@ class Stage:
         varied_friction: draw the friction of each trajectory in batches of loss L from the configured ranges.
         repeat: share of the configured price of `train.losses.unlikeness`, at both ends like the probabilities.
         disturbed: let some trajectories begin elsewhere than at rest on their mark, and some states be seen with noise.
+        late: a change of acceleration costs the configured `late_gamma`.
     """
 
     number: int
@@ -33,6 +34,7 @@ class Stage:
     varied_friction: bool = False
     repeat: tuple[float, float] = (0.0, 0.0)
     disturbed: bool = False
+    late: bool = False
 
 
 ALWAYS = (1.0, 1.0)
@@ -65,8 +67,12 @@ SHORTER_STROKES = (
     Stage(5, 64, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
 )
 
-# For the same: lets it begin in mid-course, off its mark and with noise, as long commands and measured states do.
-MID_COURSE = (Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),)
+# For the same: lets it begin in mid-course, off its mark and with noise, as long commands and measured states do. More
+# strokes come about while changes of acceleration are cheap; the second half saves what of these is not needed.
+MID_COURSE = (
+    Stage(5, 25, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
+    Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True, late=True),
+)
 
 CURRICULA = {
     "table-1": TABLE_I,
@@ -86,13 +92,14 @@ class Task:
     varied_friction: bool
     repeat: float
     disturbed: bool
+    late: bool
 
 
 def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) -> Task:
     """Return the task of `epoch` (from 1) when the stages are stretched over `epochs` epochs."""
     if model != "A":
         only = next(stage for stage in stages if stage.number == (3 if model == "B" else 1))
-        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, only.repeat[1], False)
+        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, only.repeat[1], False, False)
     position = epoch * stages[-1].last_epoch / epochs
     begin = 0
     for stage in stages:
@@ -107,6 +114,7 @@ def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) ->
         stage.varied_friction,
         _mix(stage.repeat, share),
         stage.disturbed,
+        stage.late,
     )
 
 

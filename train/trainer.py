@@ -273,10 +273,11 @@ class Trainer:
 
 def loss_weights(config: TrainConfig, task: Task) -> Weights:
     """Return the weights of the loss L in `task`."""
+    gamma = config.late_gamma if task.late and config.late_gamma is not None else config.gamma
     return Weights(
         config.alpha,
         config.beta,
-        config.gamma,
+        gamma,
         config.pan_limit - config.pan_margin,
         config.tracking,
         config.jerk,

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from train.curriculum import GRADUAL, TABLE_I, task_at
+from train.curriculum import GRADUAL, MID_COURSE, TABLE_I, task_at
 
 
 @pytest.mark.parametrize(
@@ -45,6 +45,10 @@ def test_gradual_curriculum_fades_each_task_out():
     assert all(before.physics >= after.physics for before, after in itertools.pairwise(tasks))
     assert (tasks[0].pan_loss, tasks[-1].pan_loss, tasks[-1].physics) == (1.0, 0.0, 0.0)
     assert tasks[-1].varied_friction
+
+
+def test_second_half_in_mid_course_is_late():
+    assert [task_at(MID_COURSE, "A", epoch, 10).late for epoch in range(1, 11)] == [False] * 5 + [True] * 5
 
 
 @pytest.mark.parametrize("epochs", [5, 50, 100])

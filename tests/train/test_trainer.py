@@ -11,7 +11,17 @@ import torch
 import train.trainer as trainer_module
 from runtime.errors import FormatError, InputError, OutputError
 from train.config import load_config
-from train.trainer import CHECKPOINT, SKIP_LIMIT, Trainer, TrainingError, learning_rate, load_checkpoint, load_model
+from train.curriculum import MID_COURSE, task_at
+from train.trainer import (
+    CHECKPOINT,
+    SKIP_LIMIT,
+    Trainer,
+    TrainingError,
+    learning_rate,
+    load_checkpoint,
+    load_model,
+    loss_weights,
+)
 
 
 @pytest.fixture(scope="module")
@@ -148,6 +158,13 @@ def test_checkpoint_cannot_run_code(tmp_path):
     with pytest.raises(FormatError):
         load_checkpoint(tmp_path)
     assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(("late_gamma", "expected"), [(0.35, 0.35), (0.0, 0.0), (None, 0.12)])
+def test_change_of_acceleration_has_its_own_price_late_in_the_curriculum(late_gamma, expected):
+    config = load_config("default", gamma=0.12).model_copy(update={"late_gamma": late_gamma})
+    prices = [loss_weights(config, task_at(MID_COURSE, "A", epoch, 10)).gamma for epoch in (5, 6)]
+    assert prices == [0.12, expected]
 
 
 def test_learning_rate_falls_along_a_cosine():
