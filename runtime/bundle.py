@@ -43,6 +43,9 @@ import onnxruntime
 
 BUNDLE_FORMAT = "slide-bundle/1"
 MANIFEST_FILE = "manifest.json"
+SHIPPED = Path(__file__).parent / "models"
+"""Folder of the bundles that are shipped, which are known by their names too: `default` and `int8`."""
+
 PRECISIONS = ("fp32", "int8")
 
 ENCODER = "encoder"
@@ -255,7 +258,7 @@ class Bundle:
         """Load a bundle from its folder.
 
         Args:
-            path: the folder.
+            path: the folder, or the name of a shipped bundle where there is no such folder.
             sha256: what the manifest's must be, in hexadecimal; any if None.
 
         Raises:
@@ -263,6 +266,8 @@ class Bundle:
                 has (`runtime.graph`), or the graphs are not what the manifest says: names, shapes, or results.
         """
         path = Path(path)
+        if not path.exists() and len(path.parts) == 1 and (SHIPPED / path).is_dir():
+            path = SHIPPED / path
         source = str(path / MANIFEST_FILE)
         with _judging(source):
             data = _read(path / MANIFEST_FILE)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.bundle import TRAINED_ON, Bundle
+from runtime.bundle import SHIPPED, TRAINED_ON, Bundle
 from runtime.command import Command
 from runtime.decoding import Decoded, Job, begin, chunk_count, decode
 from runtime.documents import number
@@ -24,8 +23,8 @@ from runtime.refine import Effort, kernels, refine
 from runtime.start import Start
 from runtime.stream import Stream
 
-DEFAULT_BUNDLE = Path(__file__).parent / "models" / "default"
-"""The bundle that is shipped."""
+DEFAULT_BUNDLE = SHIPPED / "default"
+"""The bundle that plans where none is named."""
 
 AT_REST = Start()
 
@@ -36,7 +35,7 @@ class Planner:
     """Plans with one bundle; may be used from several threads.
 
     Args:
-        path: the bundle's folder; the shipped one if None.
+        path: the bundle's folder, or the name of a shipped one; `default` if None.
         sha256: what the sha256 of its manifest must be; any if None.
 
     Attributes:

@@ -64,6 +64,7 @@ class TrainConfig(BaseModel):
     jerk_limit: Positive = Field(8_000.0, description="jerk that is free of that (m/s^3)")
     pan_limit: Positive = Field(0.2, description="limit of the pan's motion (m)")
     pan_margin: NonNegative = Field(0.01, description="distance from the limit at which the penalty begins (m)")
+    braking: NonNegative = Field(0.0, description="what it must be able to stop there with (m/s^2); 0: be there at all")
 
     samples: tuple[Count, Count] = Field((300, 1500), description="lengths of the trajectories")
     shorten: bool = Field(True, description="let half of the free commands end within their last chunk")

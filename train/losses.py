@@ -20,6 +20,9 @@ POSITION_STD_FLOOR = 1e-3
 DISTANCE_FLOOR = 3e-4
 """Distance (m) below which `distance` is flat: there is nothing to gain there."""
 
+SPEED_FLOOR = 1e-6
+"""Speed (m/s) that makes the derivative of a speed finite at rest."""
+
 MILLIMETRE = 1e-3
 """In metres; the unit of `distance`, which makes the weights beta and gamma prices in millimetres of error."""
 
@@ -28,7 +31,8 @@ class Weights(NamedTuple):
     """Weights of Eq. 21, the pan limit of Eq. 23 (m), which tracking term (Eq. 22 or plain `distance`), and ours.
 
     `jerk` is the price of a change of acceleration beyond `largest_change` (m/s^2), on top of gamma; `repeat` that of
-    `unlikeness` over strokes of `stroke` samples.
+    `unlikeness` over strokes of `stroke` samples. `braking` is the acceleration (m/s^2) with which the pan is to be
+    able to stop within its limit; at 0 only where it is counts, as in the paper.
     """
 
     alpha: float
@@ -40,6 +44,7 @@ class Weights(NamedTuple):
     largest_change: float = 10.0
     repeat: float = 0.0
     stroke: int = 50
+    braking: float = 0.0
 
 
 def position_covariance(covariance: Tensor, dt: float = DT) -> Tensor:
@@ -133,6 +138,28 @@ def unlikeness(u: Tensor, stroke: int) -> Tensor:
     return unlike
 
 
+def pan_reach(states: Tensor, braking: float = 0.0) -> Tensor:
+    """How far the pan is from its centre, or would be once it had braked: |p + v |v| / (2 braking)|.
+
+    A governor holds a pan back that could not stop in reach any more, however close to the centre it is. A network that
+    is not told so learns to swing it out to the edge, and is held back where it needs the pan most.
+
+    Args:
+        states: (B, K, 8) states after each sample.
+        braking: with what acceleration (m/s^2); 0 for where it is.
+
+    Returns:
+        (B, K) in metres.
+    """
+    position = states[..., 0:2]
+    if braking > 0.0:
+        velocity = states[..., 2:4]
+        speed = torch.sqrt((velocity * velocity).sum(-1, keepdim=True) + SPEED_FLOOR**2)
+        position = position + velocity * speed / (2.0 * braking)
+    reach: Tensor = torch.linalg.vector_norm(position, dim=-1)
+    return reach
+
+
 def loss_object(
     states: Tensor,
     u: Tensor,
@@ -160,7 +187,7 @@ def loss_object(
         tracking = masked_mean(gaussian_nll(error, position_covariance(covariance)), mask)
     else:
         tracking = masked_mean(distance(error), mask)
-    reach = torch.linalg.vector_norm(states[..., 0:2], dim=-1)
+    reach = pan_reach(states, weights.braking)
     over = masked_mean(torch.relu(reach - weights.pan_limit), mask)
     first = torch.zeros_like(u[:, :1]) if u_before is None else u_before[:, None]
     change = torch.linalg.vector_norm(torch.diff(u, dim=1, prepend=first), dim=-1)

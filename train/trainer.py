@@ -284,6 +284,7 @@ def loss_weights(config: TrainConfig, task: Task) -> Weights:
         config.jerk_limit * DT,
         config.repeat * task.repeat,
         config.stroke,
+        config.braking,
     )
 
 

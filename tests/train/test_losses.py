@@ -16,6 +16,7 @@ from train.losses import (
     loss_object,
     loss_pan,
     masked_mean,
+    pan_reach,
     position_covariance,
     unlikeness,
 )
@@ -82,6 +83,19 @@ def test_pan_limit_is_penalized_by_the_distance_beyond_it():
     states[0, 1, :2] = torch.tensor([0.3, 0.4])
     beyond = loss_object(states, u, covariance, wanted, mask, weights)
     assert (beyond - inside).item() == pytest.approx(7.0 * (0.5 - 0.2) / 4)
+
+
+def test_pan_that_moves_is_as_far_out_as_it_would_come_to_rest():
+    states = torch.zeros(1, 3, 8, dtype=torch.float64, requires_grad=True)
+    with torch.no_grad():
+        states[0, 1, :4] = torch.tensor([0.1, 0.0, 1.0, 0.0])
+        states[0, 2, :4] = torch.tensor([0.1, 0.0, 0.0, -0.5])
+    braked = [0.0, 0.1 + 1.0 / 40.0, math.hypot(0.1, 0.25 / 40.0)]
+    assert pan_reach(states, 20.0)[0].tolist() == pytest.approx(braked)
+    assert pan_reach(states)[0].tolist() == pytest.approx([0.0, 0.1, 0.1])
+    pan_reach(states, 20.0)[0, 1:].sum().backward()
+    assert states.grad.isfinite().all()
+    assert states.grad[0, 1, 2].item() == pytest.approx(2.0 / 40.0)
 
 
 def test_change_of_acceleration_is_penalized():
