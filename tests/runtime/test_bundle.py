@@ -13,7 +13,7 @@ import onnxruntime
 import pytest
 
 from runtime import BundleError, Friction
-from runtime.bundle import BUNDLE_FORMAT, Bundle, Manifest
+from runtime.bundle import BUNDLE_FORMAT, SHIPPED, Bundle, Manifest
 
 MakeBundle = Callable[..., Path]
 
@@ -31,6 +31,19 @@ def test_bundle_says_what_its_manifest_says(bundle_path: Path) -> None:
     assert manifest.trained_on["reach"] == (0.0, 0.13)
     assert bundle.sha256 == hashlib.sha256((bundle_path / "manifest.json").read_bytes()).hexdigest()
     assert bundle.sizes == {name: (bundle_path / f"{name}.onnx").stat().st_size for name in ("encoder", "decoder_step")}
+
+
+@pytest.mark.parametrize(("name", "precision"), [("default", "fp32"), ("int8", "int8")])
+def test_shipped_bundle_is_known_by_its_name(
+    name: str, precision: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shipped = Bundle.load(SHIPPED / name)
+    assert Bundle.load(name).sha256 == shipped.sha256
+    assert shipped.manifest.precision == precision
+    (tmp_path / name).mkdir()  # a folder of that name comes first
+    with pytest.raises(BundleError, match=f"{name}/manifest.json: cannot be read: No such file"):
+        Bundle.load(name)
 
 
 def test_manifest_comes_back_the_same(bundle_path: Path) -> None:
