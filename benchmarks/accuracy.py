@@ -102,11 +102,15 @@ class Accuracy:
         families: each family's, by its name.
         total: over the commands of all of these but `friction`, whose many would drown the others.
         friction: the family `friction`, friction by friction; empty if it was not measured.
+        friction_worst: largest mean tracking RMSE of these (m); None if there is none.
+        friction_ratio: the same over that of the family `spline`, whose commands these are, under nominal friction.
     """
 
     families: Mapping[str, Figures]
     total: Figures
     friction: tuple[FrictionCell, ...]
+    friction_worst: float | None
+    friction_ratio: float | None
 
 
 def measure_suite(plan: PlanFunction, names: Iterable[str] | None = None) -> Accuracy:
@@ -117,10 +121,15 @@ def measure_suite(plan: PlanFunction, names: Iterable[str] | None = None) -> Acc
     """
     outcomes = {name: measure(plan, family) for name, family in suite(names).items()}
     nominal = [outcome for name, outcome in outcomes.items() if name != "friction"]
+    families = {name: figures([outcome]) for name, outcome in outcomes.items()}
+    friction = friction_table(outcomes["friction"]) if "friction" in outcomes else ()
+    worst = max((cell.tracking_mean for cell in friction), default=None)
     return Accuracy(
-        families={name: figures([outcome]) for name, outcome in outcomes.items()},
+        families=families,
         total=figures(nominal or list(outcomes.values())),
-        friction=friction_table(outcomes["friction"]) if "friction" in outcomes else (),
+        friction=friction,
+        friction_worst=worst,
+        friction_ratio=worst / families["spline"].tracking_mean if worst is not None and "spline" in families else None,
     )
 
 

@@ -47,8 +47,14 @@ class Target:
 
 
 TARGETS = (
-    Target("accuracy.families.spline.tracking_mean", "spline, mean RMSE", "mm", "<=", 2.5e-3, "{:.2f}", 1e3),
-    Target("accuracy.families.spline.tracking_median", "spline, median RMSE", "mm", "<=", 2.0e-3, "{:.2f}", 1e3),
+    Target("accuracy.families.spline.tracking_mean", "spline, mean RMSE", "mm", "<=", 1.3e-3, "{:.2f}", 1e3),
+    Target("accuracy.families.spline.tracking_max", "spline, worst RMSE", "mm", "<=", 6.0e-3, "{:.2f}", 1e3),
+    Target("accuracy.families.shapes.tracking_mean", "shapes, mean RMSE", "mm", "<=", 4.5e-3, "{:.2f}", 1e3),
+    Target("accuracy.families.shapes.tracking_max", "shapes, worst RMSE", "mm", "<=", 20e-3, "{:.2f}", 1e3),
+    Target("accuracy.friction_worst", "friction, worst cell", "mm", "<=", 2.5e-3, "{:.2f}", 1e3),
+    Target("accuracy.friction_ratio", "friction, worst cell over nominal", "x", "<=", 1.4, "{:.2f}"),
+    Target("accuracy.total.pan_reach_share", "pan reach up to 0.21 m", "%", ">=", 0.99, "{:.1f}", 100.0),
+    Target("accuracy.total.change_mean", "mean |du|", "m/s^2", "<=", 1.0, "{:.2f}"),
     Target(
         "accuracy.families.spline.no_better_than_unmoved", "spline, no better than a still pan", "", "<=", 0, "{:.0f}"
     ),

@@ -20,9 +20,9 @@ from runtime.start import Start
 WINDOW: int | None = None
 """Chunks that are read at once; None for as many as the longest command trained on had."""
 
-UNREAD = 3
+UNREAD = 7
 """Chunks at the end of a window that are read and planned again with the next: where a command goes on, the network
-must not think it ends. Which number is best depends on the commands; 3 was never far from it."""
+must not think it ends. Which number is best depends on the commands; 7 was never far from it."""
 
 
 class Job(NamedTuple):

@@ -122,6 +122,8 @@ def test_the_total_leaves_the_many_commands_of_friction_out() -> None:
     assert measured.total.commands == 16
     assert list(measured.families) == ["short", "odd", "friction"]
     spline_mean = accuracy.measure_suite(still, ["spline"]).total.tracking_mean
+    assert measured.friction_worst == pytest.approx(spline_mean)
+    assert measured.friction_ratio is None
     assert [cell.tracking_mean for cell in measured.friction] == pytest.approx([spline_mean] * len(FRICTION_GRID))
 
 

@@ -87,7 +87,9 @@ def test_accuracy_as_json_is_one_object_with_every_family(
     assert set(families) == {"spline", "shapes", "stops", "long", "short", "odd", "friction"}
     assert all(set(figures) == FIGURES for figures in [*families.values(), results["accuracy"]["total"]])
     assert len(results["accuracy"]["friction"]) == len(FRICTION_GRID)
-    assert [target["figure"] for target in results["targets"]] == [t.figure for t in TARGETS[:3]]
+    assert [target["figure"] for target in results["targets"]] == [
+        target.figure for target in TARGETS if target.figure.startswith("accuracy")
+    ]
     assert captured.err.startswith("slide-bench: missed ")
     assert captured.err.count("\n") == 1
 
@@ -161,8 +163,9 @@ def test_tables_fit_into_80_columns(
     assert max(map(len, lines)) <= 80
     text = "\n".join(lines)
     for target in TARGETS:
-        assert target.what in text
-        assert target.asked in text
+        measured = not target.figure.startswith(("accuracy.families.shapes", "accuracy.friction"))
+        assert (target.what in text) == measured
+        assert not measured or target.asked in text
 
 
 @pytest.mark.usefixtures("one_family")
