@@ -93,16 +93,19 @@ class Family:
 
 
 def suite(names: Iterable[str] | None = None) -> dict[str, Family]:
-    """Return the families by their names; all of them if `names` is None.
+    """Return the families by their names; all of them if `names` is None, which leaves out the letters.
 
     Raises:
         InputError: there is no family of that name.
     """
     chosen = tuple(FAMILIES if names is None else names)
+    from benchmarks.letters import letters
+
+    known = FAMILIES | {"letters": letters}
     for name in chosen:
-        if name not in FAMILIES:
-            raise InputError(f"unknown family {name!r}: known are {', '.join(FAMILIES)}")
-    return {name: FAMILIES[name]() for name in chosen}
+        if name not in known:
+            raise InputError(f"unknown family {name!r}: known are {', '.join(known)}")
+    return {name: known[name]() for name in chosen}
 
 
 @cache
@@ -132,7 +135,7 @@ def shapes() -> Family:
     positions = [
         radius * np.stack([c * x - s * y, s * x + c * y], axis=1) for name, radius in sizes for x, y in [unit[name]]
     ]
-    return _family("shapes", positions, [f"{name} {radius:.2f} m" for name, radius in sizes])
+    return same_friction("shapes", positions, [f"{name} {radius:.2f} m" for name, radius in sizes])
 
 
 @cache
@@ -142,7 +145,7 @@ def stops() -> Family:
     moves = [1 + index % 5 for index in range(24)]
     positions = [_moves_and_rests(rng, count) for count in moves]
     labels = [f"stops {index}, {count} move{'s'[: count > 1]}" for index, count in enumerate(moves)]
-    return _family("stops", positions, labels)
+    return same_friction("stops", positions, labels)
 
 
 @cache
@@ -235,7 +238,7 @@ def _spline_family(name: str, seed: int, count: int, samples: int) -> Family:
     for _ in range(count):
         spacing, reach = rng.uniform(*SPLINE_KNOTS), rng.uniform(*SPLINE_REACH)
         positions.append(spline_position(rng, samples, reach, spacing))
-    return _family(name, positions, [f"{name} {index}" for index in range(count)])
+    return same_friction(name, positions, [f"{name} {index}" for index in range(count)])
 
 
 def _moves_and_rests(rng: np.random.Generator, count: int) -> FloatArray:
@@ -261,7 +264,8 @@ def _moves_and_rests(rng: np.random.Generator, count: int) -> FloatArray:
     return position
 
 
-def _family(name: str, positions: Sequence[FloatArray], labels: Sequence[str]) -> Family:
+def same_friction(name: str, positions: Sequence[FloatArray], labels: Sequence[str]) -> Family:
+    """Return a family of commands (K, 2) (m), all of them under nominal friction."""
     for position in positions:
         position.setflags(write=False)
     return Family(name, tuple(positions), (NOMINAL,) * len(positions), tuple(labels))
