@@ -17,6 +17,7 @@ import numpy as np
 import runtime
 from benchmarks.suite import SAMPLES, spline
 from benchmarks.timing import Spread, interleave
+from runtime.bundle import bundle_path
 from runtime.errors import SlideError
 from runtime.friction import FloatArray, integrate_pan, rollout
 from runtime.limits import NO_LIMITS
@@ -127,7 +128,7 @@ def _first_plan(model: Path | None, rounds: int) -> tuple[Spread, float]:
     root = Path(runtime.__file__).resolve().parent.parent
     paths = [str(root), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}
-    arguments = [sys.executable, "-c", FIRST_PLAN, str((model or DEFAULT_BUNDLE).resolve())]
+    arguments = [sys.executable, "-c", FIRST_PLAN, str(bundle_path(model or DEFAULT_BUNDLE).resolve())]
     durations, memory = [], 0.0
     for _ in range(rounds + 1):  # the first one fills the disc cache and does not count
         begin = time.perf_counter()

@@ -26,7 +26,8 @@ PIECE = 1200
 SHORT = 48
 """Short commands of each family."""
 
-WINDOWS: tuple[tuple[int | None, int], ...] = ((None, 7), (None, 3), (None, 10), (12, 6), (10, 5))
+SHIPPED = (decoding.WINDOW, decoding.UNREAD)
+WINDOWS: tuple[tuple[int | None, int], ...] = (SHIPPED, (None, 3), (None, 10), (12, 6), (10, 5))
 """Windows tried: chunks read at once (None: as many as were trained on), and chunks of them planned again. The first
 is what ships."""
 

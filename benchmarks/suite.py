@@ -98,10 +98,10 @@ def suite(names: Iterable[str] | None = None) -> dict[str, Family]:
     Raises:
         InputError: there is no family of that name.
     """
-    chosen = tuple(FAMILIES if names is None else names)
-    from benchmarks.letters import letters
+    from benchmarks.letters import letters  # which is made of what stands here
 
     known = FAMILIES | {"letters": letters}
+    chosen = tuple(FAMILIES if names is None else names)
     for name in chosen:
         if name not in known:
             raise InputError(f"unknown family {name!r}: known are {', '.join(known)}")

@@ -21,7 +21,7 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from runtime.bundle import DECODER_STEP, ENCODER, Bundle, Float32Array, Manifest
+from runtime.bundle import DECODER_STEP, ENCODER, Bundle, Float32Array, Manifest, bundle_path
 from runtime.planner import DEFAULT_BUNDLE, Planner
 from train.model import ACCELERATION_SCALE, DecoderState, Seq2Seq, bound_acceleration, lstm_cell
 
@@ -41,7 +41,7 @@ class EagerPlanner(Planner):
 
     def __init__(self, path: str | PathLike[str] | None = None) -> None:
         super().__init__(path)
-        folder = Path(DEFAULT_BUNDLE if path is None else path)
+        folder = bundle_path(DEFAULT_BUNDLE if path is None else path)
         model = eager_model(folder, self.bundle)
         sessions = {ENCODER: EagerEncoder(model), DECODER_STEP: EagerDecoderStep(model)}
         self.bundle = replace(self.bundle, sessions=sessions)

@@ -123,6 +123,7 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     graph.scalar("step", 1.0 / STEPS)
     graph.constant("middle", np.array(128, dtype=np.uint8))
     size = ranges(manifest)[1]
+    width = len(size)
     x = graph.node("Mul", ["observation", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
     x = _quantize(graph, x)
     axis = graph.axes("layer_axis", 0)
@@ -165,7 +166,7 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     state: list[str | int] = [manifest.layers, "batch", units]
     return graph.model(
         "decoder_step",
-        {"observation": ["batch", len(ranges(manifest)[1])], "hidden": state, "cell": state},
+        {"observation": ["batch", width], "hidden": state, "cell": state},
         {"pan_acceleration": ["batch", manifest.chunk, 2], "hidden_out": state, "cell_out": state},
     )
 

@@ -191,6 +191,13 @@ class Manifest:
             )
 
 
+def bundle_path(path: str | PathLike[str]) -> Path:
+    """Return the folder of a bundle: `path` itself, or that of the shipped bundle `path` names if there is no such."""
+    path = Path(path)
+    named = not path.exists() and len(path.parts) == 1 and (SHIPPED / path).is_dir()
+    return SHIPPED / path if named else path
+
+
 def default_limits(pan_limit: float, acceleration_bound: float | None) -> Limits:
     """Return the limits of plans by a network trained for these (m, m/s^2)."""
     return Limits(pan_limit) if acceleration_bound is None else Limits(pan_limit, acceleration_bound)
@@ -265,9 +272,7 @@ class Bundle:
             BundleError: the manifest or a graph is missing, a hash does not fit, a graph has what no graph of ours
                 has (`runtime.graph`), or the graphs are not what the manifest says: names, shapes, or results.
         """
-        path = Path(path)
-        if not path.exists() and len(path.parts) == 1 and (SHIPPED / path).is_dir():
-            path = SHIPPED / path
+        path = bundle_path(path)
         source = str(path / MANIFEST_FILE)
         with _judging(source):
             data = _read(path / MANIFEST_FILE)

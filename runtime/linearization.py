@@ -24,11 +24,11 @@ def linearize(
 ) -> tuple[float, float, float, float, float, float]:  # fmt: skip
     """Return how the object's next velocity answers to its velocity and to the pan acceleration in one sample.
 
-    While the object slides these are the derivatives of the law (with SPEED_FLOOR). When it stops
-    or breaks away in a sample, what answers is the time at which it does, which the law rounds to whole samples: its
-    derivative is zero or next to it, and a search that believed it would be blind to both. Here the time is not
-    rounded: an object that arrives faster by w stops later by w/(u.d + mu'g), and if the pan is then strong enough to
-    break it away at once, begins the way back later by as much; one that rests breaks away when |u| comes to mu g.
+    While the object slides these are the derivatives of the law (with SPEED_FLOOR). When it stops or breaks away in a
+    sample, what answers is the time at which it does, which the law rounds to whole samples: its derivative is zero or
+    next to it, and a search that believed it would be blind to both. Here the time is not rounded: an object that
+    arrives faster by w stops later by w/(u.d + mu'g), and if the pan is then strong enough to break it away at once,
+    begins the way back later by as much; one that rests breaks away when |u| comes to mu g.
 
     Args:
         vx, vy: object velocity before the sample (m/s).

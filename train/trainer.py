@@ -24,7 +24,7 @@ from train.closed_loop import Motion, decode
 from train.commands import free_commands
 from train.config import Precision, TrainConfig
 from train.curriculum import CURRICULA, Task, task_at
-from train.losses import Weights, loss_object, loss_pan
+from train.losses import Weights, loss_object, loss_pan, pan_reach
 from train.model import Seq2Seq
 from train.parallel import mean_over_processes, processes, rank, share
 
@@ -275,16 +275,16 @@ def loss_weights(config: TrainConfig, task: Task) -> Weights:
     """Return the weights of the loss L in `task`."""
     gamma = config.late_gamma if task.late and config.late_gamma is not None else config.gamma
     return Weights(
-        config.alpha,
-        config.beta,
-        gamma,
-        config.pan_limit - config.pan_margin,
-        config.tracking,
-        config.jerk,
-        config.jerk_limit * DT,
-        config.repeat * task.repeat,
-        config.stroke,
-        config.braking,
+        alpha=config.alpha,
+        beta=config.beta,
+        gamma=gamma,
+        pan_limit=config.pan_limit - config.pan_margin,
+        tracking=config.tracking,
+        jerk=config.jerk,
+        largest_change=config.jerk_limit * DT,
+        repeat=config.repeat * task.repeat,
+        stroke=config.stroke,
+        braking=config.braking,
     )
 
 
@@ -309,8 +309,7 @@ def tracking(states: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
     """Mean over the batch of the RMS tracking error (m), and of the pan's reach (m)."""
     squared = ((states[..., 4:6] - batch.object_position) ** 2).sum(-1) * batch.mask
     error = torch.sqrt(squared.sum(1) / batch.mask.sum(1)).mean()
-    reach = torch.linalg.vector_norm(states[..., 0:2], dim=-1).amax(1).mean()
-    return error, reach
+    return error, pan_reach(states).amax(1).mean()
 
 
 def validate(model: Seq2Seq, config: TrainConfig, device: torch.device) -> dict[str, float]:

@@ -57,3 +57,9 @@ def test_building_it_leaves_torch_s_generator_alone(tiny_bundle: Path) -> None:
     before = torch.random.get_rng_state()
     EagerPlanner(tiny_bundle)
     assert torch.equal(torch.random.get_rng_state(), before)
+
+
+def test_shipped_bundle_is_known_by_its_name_here_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (position,) = spline().positions[:1]
+    assert_same_until_the_branches_part(Planner("default").plan(position), EagerPlanner("default").plan(position))
