@@ -349,9 +349,11 @@ def test_bundle_of_another_sha256_is_refused() -> None:
 def test_queue_that_is_full_says_when_to_come_back(
     run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
-    with run_server(max_queue=2, deadline=10.0, max_wait=10.0) as server, ThreadPoolExecutor(16) as threads:
+    with run_server(max_queue=2, deadline=60.0, max_wait=60.0) as server, ThreadPoolExecutor(16) as threads:
         with stopped(server):
-            asked = [threads.submit(server.post, "/plan", json=make_request()) for _ in range(12)]
+            asked = [threads.submit(server.post, "/plan", json=make_request())]
+            wait_for(lambda: server.service.dispatcher.busy > 0.0)  # by itself: of two at once, both would be taken
+            asked += [threads.submit(server.post, "/plan", json=make_request()) for _ in range(11)]
             wait_for(lambda: server.service.dispatcher.full)
             assert server.get("/health/live").status_code == 200
             wait_for(lambda: sum(each.done() for each in asked) == 9)
