@@ -82,6 +82,8 @@ def draw_batch(
     if task.varied_friction and not pan_loss:
         static = rng.uniform(*config.static_range, config.batch)
         kinetic = rng.uniform(config.kinetic_range[0], np.minimum(config.kinetic_range[1], static))
+        nominal = rng.random(config.batch) < config.nominal
+        static, kinetic = np.where(nominal, config.static, static), np.where(nominal, config.kinetic, kinetic)
     else:
         static, kinetic = np.full(config.batch, config.static), np.full(config.batch, config.kinetic)
     return make_batch(commands.position, commands.samples, commands.pan_position, static, kinetic)

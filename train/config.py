@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from runtime.errors import InputError
 from train.commands import FAMILIES
 from train.curriculum import CURRICULA, Model
+from train.optimizer import Kind
 
 Precision = Literal["auto", "float32", "bfloat16"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -46,6 +47,7 @@ class TrainConfig(BaseModel):
     epochs: Count = 50
     trajectories: Count = Field(16384, description="trajectories per epoch")
     batch: Count = 128
+    optimizer: Kind = Field("adam", description="adam, as in the paper, or muon for the matrices")
     learning_rate: Positive = 1e-3
     final_learning_rate: NonNegative = 1e-5
     gradient_clip: Positive = Field(1.0, description="bound on the gradient's norm")
@@ -53,7 +55,9 @@ class TrainConfig(BaseModel):
     precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
     threads: Count = Field(2, description="CPU threads of each process; resuming bit for bit needs the same number")
 
-    tracking: Literal["likelihood", "distance"] = Field("distance", description="of L: Eq. 22, or distance in mm")
+    tracking: Literal["likelihood", "distance", "rms"] = Field(
+        "distance", description="of L: Eq. 22, distance in mm, or its root mean square over each trajectory"
+    )
     alpha: Positive = Field(1.0, description="weight of the tracking loss, Eq. 22")
     beta: NonNegative = Field(2000.0, description="weight of the pan limit, Eq. 23")
     gamma: NonNegative = Field(0.1, description="weight of the change of acceleration, Eq. 24")
@@ -86,6 +90,7 @@ class TrainConfig(BaseModel):
     kinetic: Positive = Field(0.5, description="nominal kinetic friction")
     static_range: Range = Field((0.4, 1.5), description="of stages that vary friction")
     kinetic_range: Range = Field((0.2, 0.8), description="of stages that vary friction, up to the static one")
+    nominal: Share = Field(0.0, description="share of trajectories that have the nominal friction all the same")
 
     @property
     def disturbs(self) -> bool:

@@ -39,7 +39,7 @@ class Weights(NamedTuple):
     beta: float
     gamma: float
     pan_limit: float
-    tracking: Literal["likelihood", "distance"] = "likelihood"
+    tracking: Literal["likelihood", "distance", "rms"] = "likelihood"
     jerk: float = 0.0
     largest_change: float = 10.0
     repeat: float = 0.0
@@ -120,6 +120,19 @@ def distance(error: Tensor) -> Tensor:
     return torch.sqrt((error * error).sum(-1) + DISTANCE_FLOOR**2) / MILLIMETRE
 
 
+def root_mean_square(error: Tensor, mask: Tensor) -> Tensor:
+    """Return the RMS distance of each trajectory, in millimetres, averaged over those of which some sample counts.
+
+    Args:
+        error: (B, K, 2) position error (m).
+        mask: (B, K) 1 for the samples that count.
+    """
+    count = mask.sum(1)
+    some = (count > 0.0).to(mask.dtype)
+    squared = ((error * error).sum(-1) * mask).sum(1) / count.clamp(min=1.0)
+    return masked_mean(torch.sqrt(squared + DISTANCE_FLOOR**2) / MILLIMETRE, some)
+
+
 def unlikeness(u: Tensor, stroke: int) -> Tensor:
     """How far each acceleration is from the one a stroke earlier: zero if the pan repeats itself every stroke.
 
@@ -185,6 +198,8 @@ def loss_object(
     error = states[..., 4:6] - object_position
     if weights.tracking == "likelihood":
         tracking = masked_mean(gaussian_nll(error, position_covariance(covariance)), mask)
+    elif weights.tracking == "rms":
+        tracking = root_mean_square(error, mask)
     else:
         tracking = masked_mean(distance(error), mask)
     reach = pan_reach(states, weights.braking)

@@ -26,6 +26,7 @@ from train.config import Precision, TrainConfig
 from train.curriculum import CURRICULA, Task, task_at
 from train.losses import Weights, loss_object, loss_pan, pan_reach
 from train.model import Seq2Seq
+from train.optimizer import Optimizer
 from train.parallel import mean_over_processes, processes, rank, share
 
 CHECKPOINT = "checkpoint.pt"
@@ -104,7 +105,7 @@ class Trainer:
         if processes() > 1:
             self.decoding = DistributedDataParallel(self.decoding)
         self.average = AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.average))  # type: ignore[no-untyped-call]
-        self.optimizer = torch.optim.Adam(self.model.parameters(), lr=config.learning_rate)
+        self.optimizer = Optimizer(self.model, config.optimizer, config.learning_rate)
         self.steps_per_epoch = config.trajectories // config.batch
         self.epoch = 0
         self.skipped = 0
@@ -165,11 +166,10 @@ class Trainer:
             yield drawn
 
     def _step(self, step: int, task: Task, drawn: Drawn) -> Progress:
-        """One step of Adam; a gradient that is not finite skips it."""
+        """One step of the optimizer; a gradient that is not finite skips it."""
         config = self.config
         batch = drawn.batch.to(self.device)
-        for group in self.optimizer.param_groups:
-            group["lr"] = learning_rate(config, step / self.steps)
+        self.optimizer.set_rate(learning_rate(config, step / self.steps))
 
         with torch.autocast(self.device.type, torch.bfloat16, enabled=config.precision == "bfloat16"):
             if drawn.disturbance is not None:
@@ -190,7 +190,7 @@ class Trainer:
                 None if batch.before is None else last_acceleration(batch.before),
             )
 
-        self.optimizer.zero_grad(set_to_none=True)
+        self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), config.gradient_clip)
         # What is decided on is the same in every process, or their weights would part.

@@ -1,24 +1,32 @@
 """Weights to begin with: those of another run, or of a bundle's graphs.
 
 A bundle has no covariances (the rows of the output layer beyond 2C), which only the likelihoods of Eqs. 22 and 25
-need; these rows stay as they are.
+need; these rows stay as they are. A wider network takes a narrower one's weights so that it computes what that did:
+what the units in common read of the new ones is zero, to begin with (after Chen, Goodfellow and Shlens, Net2Net, 2016).
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 
 import numpy as np
 import onnx
 import torch
 from onnx import numpy_helper
-from torch import Tensor, nn
+from torch import Tensor
 
 from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, Bundle
 from runtime.errors import InputError
 from train.model import Seq2Seq
 from train.trainer import CHECKPOINT, Trainer, load_checkpoint, load_model
+
+PARTS = {"W": ("weight_ih",), "R": ("weight_hh",), "B": ("bias_ih", "bias_hh")}
+"""Torch's names for the inputs of ONNX's LSTM."""
+
+READS_UNITS = re.compile(r"weight_hh|weight_ih_l[1-9]|feedforward\.weight")
+"""Matrices whose columns are the units of a layer, not samples of a chunk."""
 
 
 def begin_with(trainer: Trainer, source: Path) -> None:
@@ -28,7 +36,7 @@ def begin_with(trainer: Trainer, source: Path) -> None:
 
 
 def load_weights(model: Seq2Seq, source: Path) -> dict[str, str]:
-    """Give `model` the weights of a run's folder, a checkpoint or an fp32 bundle, in place.
+    """Give `model`, which may have more units, the weights of a run's folder, a checkpoint or an fp32 bundle, in place.
 
     Returns:
         Its configuration's or the bundle's `name`, and the `sha256` of the checkpoint or of the bundle's manifest.
@@ -39,51 +47,54 @@ def load_weights(model: Seq2Seq, source: Path) -> dict[str, str]:
     """
     if (source / MANIFEST_FILE).exists():
         bundle = Bundle.load(source)  # checks hashes and operators before anything here reads the graphs
-        _load_bundle(model, source)
-        return {"name": bundle.manifest.name, "sha256": bundle.sha256}
-    config, other = load_model(load_checkpoint(source))
-    weights = other.state_dict()
-    for name, tensor in model.state_dict().items():
-        _check_shape(name, tensor.shape, weights[name].shape if name in weights else None, source)
-    model.load_state_dict(weights)
-    checkpoint = source / CHECKPOINT if source.is_dir() else source
-    return {"name": config.name, "sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
+        weights, origin = _weights_of_graphs(source), {"name": bundle.manifest.name, "sha256": bundle.sha256}
+    else:
+        config, other = load_model(load_checkpoint(source))
+        checkpoint = source / CHECKPOINT if source.is_dir() else source
+        weights = other.state_dict()
+        origin = {"name": config.name, "sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
+    _take(model, weights, source)
+    return origin
 
 
-def _load_bundle(model: Seq2Seq, folder: Path) -> None:
-    decoder = _constants(folder / f"{DECODER_STEP}.onnx")
-    for module, constants in (
-        (model.encoder_lstm, _constants(folder / f"{ENCODER}.onnx")),
-        (model.decoder_lstm, decoder),
-    ):
-        _load_lstm(module, constants, folder)
-    means = 2 * model.chunk
-    for name, layer, rows in (("feedforward", model.feedforward, None), ("output", model.output, means)):
-        _copy(layer.weight[:rows], decoder.get(f"{name}.weight"), f"{name}.weight", folder)
-        _copy(layer.bias[:rows], decoder.get(f"{name}.bias"), f"{name}.bias", folder)
-
-
-def _load_lstm(module: nn.LSTM, constants: dict[str, Tensor], folder: Path) -> None:
-    for layer, (w_ih, w_hh, b_ih, b_hh) in enumerate(module.all_weights):
-        biases = constants.get(f"lstm{layer}.B")
-        halves = (None, None) if biases is None else biases[0].chunk(2)
-        for weight, name in ((w_ih, "W"), (w_hh, "R")):
-            found = constants.get(f"lstm{layer}.{name}")
-            _copy(weight, None if found is None else _torch_gates(found[0]), f"lstm{layer}.{name}", folder)
-        for bias, half in zip((b_ih, b_hh), halves, strict=True):
-            _copy(bias, None if half is None else _torch_gates(half), f"lstm{layer}.B", folder)
-
-
-def _copy(target: Tensor, found: Tensor | None, name: str, source: Path) -> None:
-    _check_shape(name, target.shape, None if found is None else found.shape, source)
+def _take(model: Seq2Seq, weights: dict[str, Tensor], source: Path) -> None:
+    """Copy weights in place; where the network has more units, they come after those of the weights."""
+    units = weights["feedforward.weight"].shape[1] if "feedforward.weight" in weights else model.units
+    wider = model.units > units
     with torch.no_grad():
-        target.copy_(found)  # type: ignore[arg-type]
+        for name, tensor in model.state_dict().items():
+            found = weights.get(name)
+            whole = tuple(tensor.shape)
+            if wider and "_lstm." in name:
+                tensor = tensor.view(4, model.units, *tensor.shape[1:])[:, :units]
+                found = None if found is None else found.view(4, units, *found.shape[1:])
+            if wider and READS_UNITS.search(name):
+                tensor[..., units:] = 0.0
+                tensor = tensor[..., :units]
+            if name.startswith("output.") and found is not None and len(found) == 2 * model.chunk:
+                tensor = tensor[: len(found)]
+            if found is None or found.shape != tensor.shape:
+                shape = "missing" if name not in weights else f"of shape {tuple(weights[name].shape)}"
+                raise InputError(f"cannot begin with {source}: its {name} is {shape}, this network's is {whole}")
+            tensor.copy_(found)
 
 
-def _check_shape(name: str, wanted: torch.Size, found: torch.Size | None, source: Path) -> None:
-    if found != wanted:
-        shape = "missing" if found is None else f"of shape {tuple(found)}"
-        raise InputError(f"cannot begin with {source}: its {name} is {shape}, this network's is {tuple(wanted)}")
+def _weights_of_graphs(folder: Path) -> dict[str, Tensor]:
+    """Return a bundle's weights by torch's names for them, those of them that its graphs have."""
+    decoder = _constants(folder / f"{DECODER_STEP}.onnx")
+    names = ("feedforward.weight", "feedforward.bias", "output.weight", "output.bias")
+    weights = {name: decoder[name] for name in names if name in decoder}
+    for lstm, constants in (
+        ("encoder_lstm", _constants(folder / f"{ENCODER}.onnx")),
+        ("decoder_lstm", decoder),
+    ):
+        for name, constant in constants.items():
+            if match := re.fullmatch(r"lstm(\d+)\.([WRB])", name):
+                layer, part = match.groups()
+                halves = constant[0].chunk(2) if part == "B" else constant[:1]
+                for kind, half in zip(PARTS[part], halves, strict=True):
+                    weights[f"{lstm}.{kind}_l{layer}"] = _torch_gates(half)
+    return weights
 
 
 def _constants(graph: Path) -> dict[str, Tensor]:

@@ -11,7 +11,7 @@ from export.bundle import export_bundle
 from runtime.bundle import Bundle
 from runtime.errors import FormatError, InputError
 from train.config import load_config
-from train.trainer import Trainer, build_model, load_checkpoint
+from train.trainer import Trainer, build_model, load_checkpoint, load_model
 from train.warm_start import begin_with, load_weights
 
 
@@ -65,12 +65,31 @@ def test_run_remembers_what_it_began_with_and_its_bundle_tells(run, tmp_path):
         assert manifest.training["command"] == "slide-train smoke --init smoke"
 
 
-def test_network_of_another_width_is_refused(run, tmp_path):
+def test_wider_network_computes_what_the_narrower_did_and_can_learn_more(run, tmp_path):
+    folder, _ = run
+    narrow = load_model(load_checkpoint(folder))[1]
+    export_bundle(folder, tmp_path / "bundle")
+    commands, motion = torch.randn(3, 4, 400), torch.randn(3, 100, 8)
+    for source, units in ((folder, 24), (tmp_path / "bundle", 400)):  # 400 values are a chunk of a command, too
+        wide = other(units=units)
+        load_weights(wide, source)
+        found, grown = [
+            model.decoder(commands).step(0, motion, model.encode(commands))[0].acceleration for model in (narrow, wide)
+        ]
+        torch.testing.assert_close(grown, found, rtol=1e-5, atol=1e-5)
+        grown.square().sum().backward()
+        assert wide.feedforward.weight.grad is not None
+        assert bool((wide.feedforward.weight.grad[:, 16:] != 0.0).all())
+
+
+def test_narrower_or_deeper_network_is_refused(run, tmp_path):
     folder, _ = run
     export_bundle(folder, tmp_path / "bundle")
     for source in (folder, tmp_path / "bundle"):
-        with pytest.raises(InputError, match=r"\(64, 400\), this network's is \(96, 400\)"):
-            load_weights(other(units=24), source)
+        with pytest.raises(InputError, match=r"weight_ih_l0 is of shape \(64, 400\), this network's is \(32, 400\)"):
+            load_weights(other(units=8), source)
+        with pytest.raises(InputError, match="weight_ih_l2 is missing"):
+            load_weights(other(layers=3), source)
 
 
 def test_what_is_neither_run_nor_bundle_is_refused(tmp_path):
