@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.bundle import MANIFEST_FILE
+from runtime.bundle import MANIFEST_FILE, bundle_path
 from runtime.cli import MM, AsJson, extra, print_json, print_table, run
+from runtime.errors import InputError
 
 if TYPE_CHECKING:  # they import torch, which takes seconds and may not be installed
     from export.quantize import Comparison
@@ -32,7 +33,10 @@ def export_main() -> None:
 def slide_export(
     source: Annotated[
         Path,
-        typer.Argument(help="Checkpoint, folder of a run, or for int8 an fp32 bundle.", show_default=False),
+        typer.Argument(
+            help="Checkpoint, folder of a run, or for int8 an fp32 bundle, a shipped one by its name.",
+            show_default=False,
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Bundle folder to write.", show_default=False)],
     precision: Annotated[Precision, typer.Option(help="Of the exported weights.")] = Precision.FP32,
@@ -43,12 +47,16 @@ def slide_export(
         from export.bundle import Exported, export_bundle  # torch takes seconds to load
         from export.quantize import Quantized, quantize_bundle
 
+    source = bundle_path(source)
     exported: Exported | None = None
     quantized: Quantized | None = None
     made: Exported | Quantized
+    is_bundle = (source / MANIFEST_FILE).exists()
     if precision is Precision.FP32:
+        if is_bundle:
+            raise InputError(f"{source} is a bundle already: --precision int8 makes another of it")
         made = exported = export_bundle(source, output)
-    elif (source / MANIFEST_FILE).exists():
+    elif is_bundle:
         made = quantized = quantize_bundle(source, output)
     else:
         with tempfile.TemporaryDirectory() as folder:

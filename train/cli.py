@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from runtime.bundle import bundle_path
 from runtime.cli import MM, AsJson, extra, print_json, run, say
 from runtime.errors import InputError, OutputError
 
@@ -68,7 +69,11 @@ def slide_train(
     ] = None,
     init: Annotated[
         Path | None,
-        typer.Option("--init", help="Begin with the weights of this run or bundle.", metavar="RUN_OR_BUNDLE"),
+        typer.Option(
+            "--init",
+            help="Begin with the weights of this run or bundle, a shipped one by its name.",
+            metavar="RUN_OR_BUNDLE",
+        ),
     ] = None,
     model: Annotated[ModelName | None, typer.Option(help="Model A, B or C of the paper's Section V-B.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the weights and of all that is drawn.")] = None,
@@ -94,7 +99,9 @@ def slide_train(
     if resume is not None and init is not None:
         raise InputError("--init and --resume both say what to begin with: give one of them")
     if resume is None and init is None and not trains_from_scratch(settings):
-        raise InputError(f"configuration {settings.name} goes on from a trained network: --init runs/base, or a bundle")
+        raise InputError(
+            f"configuration {settings.name} goes on from a trained network: --init runs/base, or --init default"
+        )
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
     with extra("train"):
@@ -113,7 +120,7 @@ def slide_train(
         if checkpoint is not None:
             trainer.resume(checkpoint)
         elif init is not None:
-            begin_with(trainer, init)
+            begin_with(trainer, bundle_path(init))
         _train(trainer, folder, as_json)
 
 
@@ -188,7 +195,8 @@ def slide_eval(
     sources: Annotated[
         list[str],
         typer.Argument(
-            help="Runs, checkpoints or bundles, each with a name if you like: A=runs/paper.", show_default=False
+            help="Runs, checkpoints or bundles, each with a name if you like: A=runs/paper, default.",
+            show_default=False,
         ),
     ],
     reproduce: Annotated[
@@ -230,7 +238,7 @@ def slide_eval(
 def _named(source: str) -> tuple[str, Path]:
     """Take NAME=PATH apart; a path alone may hold the sign in its folders."""
     name, sign, path = source.partition("=")
-    return (name, Path(path)) if sign and "/" not in name else ("", Path(source))
+    return (name, bundle_path(path)) if sign and "/" not in name else ("", bundle_path(source))
 
 
 def _on_arm(subjects: Sequence[Subject]) -> dict[str, dict[str, ArmRow]]:

@@ -208,6 +208,25 @@ def test_int8_bundle_is_no_source_of_another(run, tmp_path):
         quantize_bundle(tmp_path / "int8", tmp_path / "again")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["default"], "models/default is a bundle already: --precision int8"),
+        (["int8", "--precision", "int8"], "models/int8 is int8 already"),
+        (["absent"], "absent: no such checkpoint"),
+    ],
+)
+def test_program_refuses_in_one_line_what_it_cannot_export(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.setattr(sys, "argv", ["slide-export", *arguments, "-o", str(tmp_path / "x")])
+    with pytest.raises(SystemExit) as caught:
+        export_main()
+    assert caught.value.code == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "x").exists()
+
+
 @pytest.mark.parametrize("from_bundle", [False, True])
 def test_program_writes_int8_from_a_run_or_a_bundle(run, tmp_path, monkeypatch, capsys, from_bundle):
     source = run

@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from runtime.bundle import SHIPPED
+from train.cli import _named
+
 
 def call(program, *arguments, folder):
     """Run an installed program in `folder`."""
@@ -53,7 +56,11 @@ def test_finished_run_resumes_to_the_same_answer(folder):
         (["smoke", "--seed", "7", "--resume", "runs/smoke"], "seed: 0 -> 7"),
         (["smoke", "--device", "cuda", "--run", "x"], "--device cpu"),
         (["strokes", "--run", "x"], "--init runs/base"),
-        (["strokes", "--run", "x", "--init", "runs/smoke"], "weight_ih_l0 is of shape (64, 400)"),
+        (["paper", "--run", "x", "--init", "runs/smoke"], "decoder_lstm.weight_ih_l0 is of shape (64, 1600)"),
+        (
+            ["smoke", "--run", "x", "--init", "default"],
+            "models/default: its encoder_lstm.weight_ih_l0 is of shape (1024",
+        ),
         (["strokes", "--model", "B"], "model: B is trained from scratch"),
         (["smoke", "--resume", "runs/smoke", "--init", "runs/smoke"], "give one of them"),
     ],
@@ -84,6 +91,12 @@ def test_two_models_of_one_name_are_refused(folder):
     done = call("slide-eval", "runs/smoke", "runs/smoke", folder=folder)
     assert done.returncode == 2
     assert "two of the models are called 'smoke'" in done.stderr
+
+
+def test_shipped_bundles_go_by_their_names():
+    assert _named("int8") == ("", SHIPPED / "int8")
+    assert _named("best=default") == ("best", SHIPPED / "default")
+    assert _named("runs/a=b") == ("", Path("runs/a=b"))
 
 
 def test_evaluation_of_nothing_is_refused(folder):
