@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from runtime.friction import GRAVITY
 from train.batches import disturb, draw
 from train.closed_loop import decode
 from train.config import TrainConfig, load_config
@@ -62,6 +63,21 @@ def test_trajectories_in_mid_course_were_displaced_where_their_lead_in_began_and
 def held(state, chunk):
     """The states (B, C, 8) of trajectories that were in one state for a chunk."""
     return torch.from_numpy(state)[:, None].expand(-1, chunk, -1)
+
+
+@pytest.mark.parametrize(("share", "least", "most"), [(0.0, 0, 0), (0.5, 60, 140), (1.0, 200, 200)])
+def test_share_of_the_trajectories_that_vary_friction_has_the_nominal_one(share, least, most):
+    config = TrainConfig.model_validate(
+        load_config("smoke").model_dump() | {"nominal": share, "batch": 200, "trajectories": 200}
+    )
+    task = task_at(CURRICULA[config.curriculum], "A", config.epochs, config.epochs)
+    batch = draw(config, task, np.random.default_rng(0)).batch
+    static, kinetic = batch.static_limit / GRAVITY, batch.kinetic_limit / GRAVITY
+    nominal = torch.isclose(static, torch.tensor(config.static).double()) & torch.isclose(
+        kinetic, torch.tensor(config.kinetic).double()
+    )
+    assert least <= int(nominal.sum()) <= most
+    assert bool((kinetic <= static).all())
 
 
 def test_configuration_without_shares_disturbs_nothing():

@@ -18,6 +18,7 @@ from train.losses import (
     masked_mean,
     pan_reach,
     position_covariance,
+    root_mean_square,
     unlikeness,
 )
 
@@ -62,6 +63,20 @@ def test_distance_counts_millimetres_far_from_the_command_and_is_flat_on_it():
     value.sum().backward()
     assert error.grad is not None
     assert error.grad[0, 0].tolist() == [0.0, 0.0]
+
+
+def test_root_mean_square_is_of_each_trajectory_and_of_its_samples_that_count():
+    error = torch.zeros(3, 4, 2, dtype=torch.float64)
+    error[0, :2, 0] = torch.tensor([0.03, 0.04])
+    error[1] = 0.5
+    error[2] = 0.01
+    mask = torch.tensor([[1, 1, 0, 0], [0, 0, 0, 0], [1, 1, 1, 1]], dtype=torch.float64)
+    wanted = (math.sqrt((30.0**2 + 40.0**2) / 2.0) + math.sqrt(200.0)) / 2.0
+    assert root_mean_square(error, mask).item() == pytest.approx(wanted, rel=1e-3)
+    states, u, covariance = torch.zeros(3, 4, 8), torch.zeros(3, 4, 2), torch.zeros(3, 4, 3)
+    weights = Weights(alpha=2.0, beta=0.0, gamma=0.0, pan_limit=0.2, tracking="rms")
+    loss = loss_object(states, u, covariance, error, mask, weights)
+    assert loss.item() == pytest.approx(2.0 * wanted, rel=1e-3)
 
 
 def test_masked_samples_do_not_count():
