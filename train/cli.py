@@ -57,9 +57,7 @@ def eval_main() -> None:
 
 
 def slide_train(
-    config: Annotated[
-        str, typer.Argument(help="base, default, strokes, smoke, paper, or a .json file.", show_default=False)
-    ],
+    config: Annotated[str, typer.Argument(help="base, default, smoke, paper, or a .json file.", show_default=False)],
     run_folder: Annotated[
         Path | None,
         typer.Option("--run", "-o", help="Folder of the run; runs/CONFIG[-MODEL] if not given.", metavar="DIR"),

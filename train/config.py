@@ -35,7 +35,7 @@ class TrainConfig(BaseModel):
 
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", description="name of the configuration and of the bundle")
     model: Model = Field("A", description="model A, B or C of Section V-B")
-    curriculum: Literal["table-1", "gradual", "shorter-strokes", "mid-course"] = "gradual"
+    curriculum: Literal["table-1", "gradual", "mid-course"] = "gradual"
     seed: int = Field(0, ge=0)
 
     units: Count = Field(256, description="LSTM units per layer")
@@ -62,8 +62,6 @@ class TrainConfig(BaseModel):
     beta: NonNegative = Field(2000.0, description="weight of the pan limit, Eq. 23")
     gamma: NonNegative = Field(0.1, description="weight of the change of acceleration, Eq. 24")
     late_gamma: NonNegative | None = Field(None, description="gamma in the late stages; None: the same")
-    repeat: NonNegative = Field(0.0, description="weight of a pan that does not repeat itself every stroke")
-    stroke: Count = Field(50, description="samples in which the object is to stick and slip once")
     jerk: NonNegative = Field(0.0, description="weight of jerk beyond jerk_limit, on top of gamma")
     jerk_limit: Positive = Field(8_000.0, description="jerk that is free of that (m/s^3)")
     pan_limit: Positive = Field(0.2, description="limit of the pan's motion (m)")
@@ -105,8 +103,6 @@ class TrainConfig(BaseModel):
                 raise ValueError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")
         if self.samples[0] < self.chunk:
             raise ValueError(f"samples: {self.samples[0]} is shorter than a chunk of {self.chunk}")
-        if self.stroke > self.chunk:
-            raise ValueError(f"stroke: {self.stroke} samples are longer than a chunk of {self.chunk}")
         if self.model != "A" and not trains_from_scratch(self):
             raise ValueError(f"model: {self.model} is trained from scratch, which curriculum {self.curriculum} is not")
         if self.pan_margin >= self.pan_limit:
@@ -139,38 +135,53 @@ BROAD = {
 }
 """The mix of commands that people give."""
 
+FASTER = {
+    "spline_acceleration": 0.32,
+    "spline_position": 0.1,
+    "moves": 0.12,
+    "strokes": 0.1,
+    "creeps": 0.03,
+    "loops": 0.15,
+    "drawings": 0.18,
+}
+"""The same with more of what is fast and has corners, as letters have."""
+
 CONFIGURATIONS: dict[str, TrainConfig] = {
-    "base": TrainConfig(name="base", families=BROAD),
+    "base": TrainConfig(
+        name="base",
+        families=BROAD,
+        optimizer="muon",
+        learning_rate=1.5e-3,
+        tracking="rms",
+        gamma=0.12,
+        pan_margin=0.005,
+        braking=20.0,
+        jerk=1.0,
+        speed=1.0,
+        nominal=0.2,
+    ),
     "default": TrainConfig(
         name="default",
-        families=BROAD,
+        families=FASTER,
         curriculum="mid-course",
         epochs=150,
-        learning_rate=6e-4,
+        optimizer="muon",
+        learning_rate=1.2e-3,
         final_learning_rate=5e-6,
-        gamma=0.12,
+        tracking="rms",
+        gamma=0.2,
         late_gamma=0.45,
         pan_margin=0.005,
         braking=20.0,
         jerk=1.0,
-        lead_in=0.35,
-        lead_in_chunks=(1, 12),
-        displaced=0.2,
-        start_reach=0.17,
-        noisy=0.2,
-        threads=1,
-    ),
-    "strokes": TrainConfig(
-        name="strokes",
-        families=BROAD,
-        curriculum="shorter-strokes",
-        learning_rate=8e-4,
-        gamma=0.2,
-        repeat=0.3,
-        jerk=1.0,
+        speed=1.1,
         lead_in=0.3,
-        displaced=0.2,
-        noisy=0.2,
+        lead_in_chunks=(1, 12),
+        displaced=0.15,
+        start_reach=0.17,
+        noisy=0.15,
+        nominal=0.35,
+        threads=1,
     ),
     "smoke": TrainConfig(
         name="smoke",

@@ -22,7 +22,6 @@ class Stage:
         pan_loss: probability of the loss L' (Eq. 25) instead of L (Eq. 21), drawn per batch.
         physics: probability of physics-generated command trajectories instead of free ones, drawn per batch.
         varied_friction: draw the friction of each trajectory in batches of loss L from the configured ranges.
-        repeat: share of the configured price of `train.losses.unlikeness`, at both ends like the probabilities.
         disturbed: let some trajectories begin elsewhere than at rest on their mark, and some states be seen with noise.
         late: a change of acceleration costs the configured `late_gamma`.
     """
@@ -32,7 +31,6 @@ class Stage:
     pan_loss: tuple[float, float]
     physics: tuple[float, float]
     varied_friction: bool = False
-    repeat: tuple[float, float] = (0.0, 0.0)
     disturbed: bool = False
     late: bool = False
 
@@ -59,16 +57,9 @@ GRADUAL = (
     Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
 )
 
-# For a network that has learned all of that: makes it stick and slip more often, then leaves it to find its best. The
-# last half of it follows tracking alone.
-SHORTER_STROKES = (
-    Stage(5, 16, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=ALWAYS, disturbed=True),
-    Stage(5, 32, pan_loss=NEVER, physics=NEVER, varied_friction=True, repeat=(1.0, 0.0), disturbed=True),
-    Stage(5, 64, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
-)
-
-# For the same: lets it begin in mid-course, off its mark and with noise, as long commands and measured states do. More
-# strokes come about while changes of acceleration are cheap; the second half saves what of these is not needed.
+# For a network that has learned all of that: lets it begin in mid-course, off its mark and with noise, as long commands
+# and measured states do. More strokes come about while changes of acceleration are cheap; the second half saves what of
+# these is not needed.
 MID_COURSE = (
     Stage(5, 25, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True),
     Stage(5, 50, pan_loss=NEVER, physics=NEVER, varied_friction=True, disturbed=True, late=True),
@@ -77,7 +68,6 @@ MID_COURSE = (
 CURRICULA = {
     "table-1": TABLE_I,
     "gradual": GRADUAL,
-    "shorter-strokes": SHORTER_STROKES,
     "mid-course": MID_COURSE,
 }
 
@@ -90,7 +80,6 @@ class Task:
     pan_loss: float
     physics: float
     varied_friction: bool
-    repeat: float
     disturbed: bool
     late: bool
 
@@ -99,7 +88,7 @@ def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) ->
     """Return the task of `epoch` (from 1) when the stages are stretched over `epochs` epochs."""
     if model != "A":
         only = next(stage for stage in stages if stage.number == (3 if model == "B" else 1))
-        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, only.repeat[1], False, False)
+        return Task(only.number, only.pan_loss[1], only.physics[1], only.varied_friction, False, False)
     position = epoch * stages[-1].last_epoch / epochs
     begin = 0
     for stage in stages:
@@ -112,7 +101,6 @@ def task_at(stages: tuple[Stage, ...], model: Model, epoch: int, epochs: int) ->
         _mix(stage.pan_loss, share),
         _mix(stage.physics, share),
         stage.varied_friction,
-        _mix(stage.repeat, share),
         stage.disturbed,
         stage.late,
     )

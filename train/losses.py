@@ -30,9 +30,9 @@ MILLIMETRE = 1e-3
 class Weights(NamedTuple):
     """Weights of Eq. 21, the pan limit of Eq. 23 (m), which tracking term (Eq. 22 or plain `distance`), and ours.
 
-    `jerk` is the price of a change of acceleration beyond `largest_change` (m/s^2), on top of gamma; `repeat` that of
-    `unlikeness` over strokes of `stroke` samples. `braking` is the acceleration (m/s^2) with which the pan is to be
-    able to stop within its limit; at 0 only where it is counts, as in the paper.
+    `jerk` is the price of a change of acceleration beyond `largest_change` (m/s^2), on top of gamma; `braking` the
+    acceleration (m/s^2) with which the pan is to be able to stop within its limit, 0 if only where it is counts, as in
+    the paper.
     """
 
     alpha: float
@@ -42,8 +42,6 @@ class Weights(NamedTuple):
     tracking: Literal["likelihood", "distance", "rms"] = "likelihood"
     jerk: float = 0.0
     largest_change: float = 10.0
-    repeat: float = 0.0
-    stroke: int = 50
     braking: float = 0.0
 
 
@@ -133,24 +131,6 @@ def root_mean_square(error: Tensor, mask: Tensor) -> Tensor:
     return masked_mean(torch.sqrt(squared + DISTANCE_FLOOR**2) / MILLIMETRE, some)
 
 
-def unlikeness(u: Tensor, stroke: int) -> Tensor:
-    """How far each acceleration is from the one a stroke earlier: zero if the pan repeats itself every stroke.
-
-    Where the object sticks, the tracking error has no gradient that would start another stroke. This has, so it
-    decides how many strokes the network falls into when it first has to bring the pan back; left to itself it falls
-    into one a chunk, and stays there.
-
-    Args:
-        u: (B, K, 2) pan accelerations (m/s^2).
-        stroke: samples of a stroke.
-
-    Returns:
-        (B, K - stroke) in m/s^2.
-    """
-    unlike: Tensor = torch.linalg.vector_norm(u[:, stroke:] - u[:, :-stroke], dim=-1)
-    return unlike
-
-
 def pan_reach(states: Tensor, braking: float = 0.0) -> Tensor:
     """How far the pan is from its centre, or would be once it had braked: |p + v |v| / (2 braking)|.
 
@@ -192,7 +172,7 @@ def loss_object(
         covariance: (B, K, 3) input covariances.
         object_position: (B, K, 2) commanded object position at the same instants, relative to the pan (m).
         mask: (B, K) 1 for the samples that count.
-        weights: alpha, beta, gamma, the pan limit, and the prices of jerk and of what does not repeat.
+        weights: alpha, beta, gamma, the pan limit, and the price of jerk.
         u_before: (B, 2) acceleration of the sample before the first (m/s^2); zero if None.
     """
     error = states[..., 4:6] - object_position
@@ -209,6 +189,4 @@ def loss_object(
     loss = weights.alpha * tracking + weights.beta * over + weights.gamma * masked_mean(change, mask)
     if weights.jerk > 0.0:
         loss = loss + weights.jerk * masked_mean(torch.relu(change - weights.largest_change), mask)
-    if weights.repeat > 0.0:
-        loss = loss + weights.repeat * masked_mean(unlikeness(u, weights.stroke), mask[:, weights.stroke :])
     return loss

@@ -282,8 +282,6 @@ def loss_weights(config: TrainConfig, task: Task) -> Weights:
         tracking=config.tracking,
         jerk=config.jerk,
         largest_change=config.jerk_limit * DT,
-        repeat=config.repeat * task.repeat,
-        stroke=config.stroke,
         braking=config.braking,
     )
 

@@ -55,13 +55,13 @@ def test_finished_run_resumes_to_the_same_answer(folder):
         (["smoke", "--resume", "runs/absent"], "no such checkpoint"),
         (["smoke", "--seed", "7", "--resume", "runs/smoke"], "seed: 0 -> 7"),
         (["smoke", "--device", "cuda", "--run", "x"], "--device cpu"),
-        (["strokes", "--run", "x"], "--init runs/base"),
+        (["default", "--run", "x"], "--init runs/base"),
         (["paper", "--run", "x", "--init", "runs/smoke"], "decoder_lstm.weight_ih_l0 is of shape (64, 1600)"),
         (
             ["smoke", "--run", "x", "--init", "default"],
             "models/default: its encoder_lstm.weight_ih_l0 is of shape (1024",
         ),
-        (["strokes", "--model", "B"], "model: B is trained from scratch"),
+        (["default", "--model", "B"], "model: B is trained from scratch"),
         (["smoke", "--resume", "runs/smoke", "--init", "runs/smoke"], "give one of them"),
     ],
 )

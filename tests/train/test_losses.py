@@ -19,7 +19,6 @@ from train.losses import (
     pan_reach,
     position_covariance,
     root_mean_square,
-    unlikeness,
 )
 
 
@@ -144,23 +143,3 @@ def test_pan_loss_looks_at_the_pan_alone():
     assert loss_pan(states, covariance, wanted, mask).item() == plain.item()
     states[..., 0] = 0.01
     assert loss_pan(states, covariance, wanted, mask).item() > plain.item()
-
-
-def test_unlikeness_is_zero_for_a_pan_that_repeats_itself_every_stroke():
-    u = torch.zeros(1, 6, 2, dtype=torch.float64)
-    u[0, :, 0] = torch.tensor([3.0, -3.0, 3.0, -3.0, 3.0, -3.0])
-    u[0, 5, 1] = 4.0
-    assert unlikeness(u, 2).tolist() == [[0.0, 0.0, 0.0, 4.0]]
-
-
-def test_unlikeness_is_priced_over_the_samples_that_count():
-    states, u, covariance, wanted, mask = motion()
-    u[0, 2:] = torch.tensor([3.0, 4.0])
-
-    def loss(repeat):
-        return loss_object(states, u, covariance, wanted, mask, Weights(1.0, 0.0, 0.0, 0.2, repeat=repeat, stroke=2))
-
-    assert (loss(2.0) - loss(0.0)).item() == pytest.approx(2.0 * 5.0)
-    u[0, 3] = 0.0
-    mask[0, 3] = 0.0
-    assert (loss(2.0) - loss(0.0)).item() == pytest.approx(2.0 * 5.0)

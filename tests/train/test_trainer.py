@@ -168,6 +168,6 @@ def test_change_of_acceleration_has_its_own_price_late_in_the_curriculum(late_ga
 
 
 def test_learning_rate_falls_along_a_cosine():
-    config = load_config("base")
+    config = load_config("base").model_copy(update={"learning_rate": 1e-3, "final_learning_rate": 1e-5})
     rates = [learning_rate(config, progress) for progress in (0.0, 0.5, 1.0)]
     assert rates == pytest.approx([1e-3, 0.5 * (1e-3 + 1e-5), 1e-5])
