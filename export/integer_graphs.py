@@ -5,11 +5,15 @@ to seven bits: where a processor has no 8-bit dot product, products of full-rang
 activations are quantized by scales that are fixed here: what a unit puts out lies between -1 and 1, and the inputs are
 divided by their ranges (`ranges`) and held there. Sums of integers have no rounding, so a command's plan does not
 depend on what else is in its batch.
+
+The decoder aims by what it sees, and 8 bits tell positions apart by 2 mm only: these inputs have two digits of 8 bits,
+and the weights are multiplied by both. They are time series, and smooth: the rounding error of a weight goes into the
+same channel's weight of the next sample, so that only what changes from sample to sample is multiplied by it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +30,12 @@ Weights = Mapping[str, NDArray[Any]]
 
 STEPS = 127
 """Steps of an activation from 0 to 1."""
+
+FINE_STEPS = 2 * STEPS * STEPS
+"""Steps of one that has two digits."""
+
+Series = Sequence[tuple[int, int]]
+"""What the inputs begin with: for each block of time series, row by row, its channels and its samples."""
 
 MAX_WEIGHT = 63
 
@@ -83,12 +93,15 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
     cells[..., units:] = FULL, -FULL
     cells_before = graph.node("Add", [nothing, graph.constant("cells", cells)], "cells_before")
 
-    size = scale * size
+    size, series = scale * size, [(4, manifest.chunk)]
     for layer in layers:
         w, r, b = _lstm(weights, layer)
         names = [f"lstm{layer}.{name}" for name in ("W", "W_scale", "W_zero", "R", "R_scale", "R_zero")]
-        for matrix, (integers, scales, zeros) in zip((w * size, r), (names[:3], names[3:]), strict=True):
-            value, step = _integers(_two_more_units(np.pad(matrix.T, ((0, 2), (0, 0)))))
+        for matrix, (integers, scales, zeros), smooth in (
+            (w * size, names[:3], series),
+            (r, names[3:], []),
+        ):
+            value, step = _integers(_two_more_units(np.pad(matrix.T, ((0, 2), (0, 0)))), smooth)
             graph.constant(integers, value[None])
             graph.constant(scales, step[None])
             graph.constant(zeros, np.zeros((1, len(step)), dtype=np.int8))
@@ -103,7 +116,7 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
         )
         if layer + 1 < manifest.layers:
             x = graph.node("Squeeze", [f"y{layer}", end], f"x{layer + 1}")
-            size = np.ones(units)
+            size, series = np.ones(units), []
     first = graph.axes("units", units)
     for name in ("hidden", "cell"):
         every = graph.node("Concat", [f"{name[0]}{layer}" for layer in layers], f"{name}_padded", axis=0)
@@ -124,8 +137,8 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     graph.constant("middle", np.array(128, dtype=np.uint8))
     size = ranges(manifest)[1]
     width = len(size)
-    x = graph.node("Mul", ["observation", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
-    x = _quantize(graph, x)
+    graph.scalar("fine_step", 1.0 / FINE_STEPS)
+    scaled = graph.node("Mul", ["observation", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
     axis = graph.axes("layer_axis", 0)
     before = {
         name: [
@@ -137,10 +150,17 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     after: dict[str, list[str]] = {"hidden": [], "cell": []}
     thirds = graph.axes("gates_and_cell", 3 * units, units)
     size = weights["scale"].astype(np.float64) * size
+    series = [(8, manifest.chunk), (4, manifest.command_ahead * manifest.chunk)]
+    x = ""
     for layer in layers:
         w, r, b = _lstm(weights, layer)
-        x = graph.node("Concat", [x, _quantize(graph, before["hidden"][layer])], f"seen{layer}", axis=1)
-        x = _linear(graph, f"lstm{layer}", x, np.concatenate([w * size, r], axis=1), b)
+        remembered = _quantize(graph, before["hidden"][layer])
+        if layer == 0:  # its weights of what it sees are much larger than those of its memory: they have other scales
+            seen = _precise_linear(graph, "seen", scaled, w * size, series)
+            x = graph.node("Add", [seen, _linear(graph, "remembered", remembered, r, b)], "lstm0")
+        else:
+            x = graph.node("Concat", [x, remembered], f"seen{layer}", axis=1)
+            x = _linear(graph, f"lstm{layer}", x, np.concatenate([w, r], axis=1), b)
         gates, new = graph.split(x, [f"gates{layer}", f"new{layer}"], thirds, axis=1)
         gates = graph.node("Sigmoid", [gates], f"open{layer}")
         i, o, f = graph.split(gates, [f"{name}{layer}" for name in "iof"], axis=1, num_outputs=3)
@@ -150,7 +170,7 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
         hidden = graph.node("Mul", [o, graph.node("Tanh", [cell], f"shown{layer}")], f"next_hidden{layer}")
         for name, value in (("hidden", hidden), ("cell", cell)):
             after[name].append(graph.node("Unsqueeze", [value, axis], f"{value}_after"))
-        x, size = _quantize(graph, hidden), np.ones(units)
+        x = _quantize(graph, hidden)
     for name, values in after.items():
         graph.node("Concat", values, f"{name}_out", axis=0)
 
@@ -192,11 +212,39 @@ def _linear(graph: GraphBuilder, name: str, x: str, weight: FloatArray, bias: Fl
     return graph.node("Add", [scaled, graph.constant(f"{name}.bias", bias.astype(np.float32))], name)
 
 
-def _integers(weight: FloatArray) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
-    """Return weights (inputs, outputs) in integers, and what one is worth in each output."""
+def _precise_linear(graph: GraphBuilder, name: str, x: str, weight: FloatArray, series: Series) -> str:
+    """Add weight x (outputs, inputs) of values in [-1, 1] by their two digits, which are rows multiplied at once."""
+    high = _quantize(graph, x)
+    rest = graph.node("Sub", [x, graph.node("DequantizeLinear", [high, "step", "middle"], f"{x}_high")], f"{x}_rest")
+    low = graph.node("QuantizeLinear", [rest, "fine_step", "middle"], f"{rest}_integers")
+    digits = graph.node("Concat", [high, low], f"{x}_digits", axis=0)
+    integers, scale = _integers(weight.T, series)
+    total = graph.node("MatMulInteger", [digits, graph.constant(f"{name}.weight", integers), "middle"], f"{name}_total")
+    total = graph.node("Cast", [total], f"{name}_float", to=TensorProto.FLOAT)
+    parts = graph.split(total, [f"{name}_high", f"{name}_low"], axis=0, num_outputs=2)
+    for part, steps in zip(parts, (STEPS, FINE_STEPS), strict=True):
+        graph.node("Mul", [part, graph.constant(f"{part}.scale", scale / np.float32(steps))], f"{part}_scaled")
+    return graph.node("Add", [f"{part}_scaled" for part in parts], name)
+
+
+def _integers(weight: FloatArray, series: Series = ()) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+    """Return weights (inputs, outputs) in integers, and what one is worth in each output.
+
+    Where the inputs are time series, what rounding takes from a weight is given to the next sample's.
+    """
     largest = np.abs(weight).max(axis=0)
     scale = np.where(largest > 0.0, largest, 1.0) / MAX_WEIGHT
-    return np.round(weight / scale).astype(np.int8), scale.astype(np.float32)
+    wanted = np.ascontiguousarray(weight / scale)
+    begin = 0
+    for channels, samples in series:
+        rows = wanted[begin : begin + channels * samples].reshape(samples, channels, -1)
+        owed = np.zeros_like(rows[0])
+        for k in range(samples):
+            rounded = np.clip(np.round(rows[k] + owed), -MAX_WEIGHT, MAX_WEIGHT)
+            owed = rows[k] + owed - rounded
+            rows[k] = rounded
+        begin += channels * samples
+    return np.round(wanted).astype(np.int8), scale.astype(np.float32)
 
 
 def _two_more_units(gates: FloatArray, fill: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> FloatArray:

@@ -13,6 +13,7 @@ import torch
 from export import bundle as bundle_module
 from export.bundle import export_bundle, training_command
 from export.cli import export_main
+from export.integer_graphs import _integers
 from export.onnx_export import decoder_step_graph, encoder_graph
 from export.quantize import QuantizationError, quantize_bundle
 from export.verify import VerificationError, compare
@@ -168,6 +169,31 @@ def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_pat
     position = 0.05 * np.sin(np.arange(300) / 100.0)[:, None] * [1.0, 0.5]
     asked = [planner.plan(position, limits=NO_LIMITS).pan_acceleration[:100] for planner in (fp32, int8)]
     assert 0.0 < np.abs(asked[0] - asked[1]).max() < 0.1 * np.abs(asked[0]).max()
+
+
+def test_rounding_of_weights_does_not_show_where_a_time_series_is_smooth():
+    """A channel that stays where it is: at most half a step of one weight is left of its hundred rounding errors."""
+    weight = np.random.default_rng(0).normal(size=(3 * 100 + 5, 7))
+    values, step = _integers(weight, [(3, 100)])
+    assert np.abs(values).max() <= 63
+    error = values * step.astype(np.float64) - weight
+    held = error[:300].reshape(100, 3, 7).sum(axis=0)
+    assert (np.abs(held) <= 0.5001 * step).all()
+    assert (np.abs(error[300:]) <= 0.5001 * step).all()
+    plainly, _ = _integers(weight)
+    assert (np.abs((plainly * step - weight)[:300].reshape(100, 3, 7).sum(axis=0)) > 0.5001 * step).any()
+
+
+def test_int8_decoder_tells_apart_what_differs_by_half_a_millimetre(run, tmp_path):
+    export_bundle(run, tmp_path / "fp32")
+    quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
+    fp32, int8 = (Planner(tmp_path / name).bundle for name in ("fp32", "int8"))
+    state = fp32.encode(np.zeros((1, 3, 400), dtype=np.float32))
+    observation = np.zeros((2, 1, 1600), dtype=np.float32)
+    observation[1, 0, np.arange(4, 800, 8)] = 5e-4  # the object's x
+    told = [[bundle.decode_step(seen, state)[1].hidden[0] for seen in observation] for bundle in (fp32, int8)]
+    wanted, found = (after - before for before, after in told)
+    assert np.abs(found - wanted).max() < 0.1 * np.abs(wanted).max()
 
 
 def test_int8_plan_is_the_same_to_the_last_bit_whatever_is_planned_with_it(run, tmp_path):
