@@ -6,9 +6,10 @@ activations are quantized by scales that are fixed here: what a unit puts out li
 divided by their ranges (`ranges`) and held there. Sums of integers have no rounding, so a command's plan does not
 depend on what else is in its batch.
 
-The decoder aims by what it sees, and 8 bits tell positions apart by 2 mm only: these inputs have two digits of 8 bits,
-and the weights are multiplied by both. They are time series, and smooth: the rounding error of a weight goes into the
-same channel's weight of the next sample, so that only what changes from sample to sample is multiplied by it.
+The accelerations of neighbouring samples are rounded independently, which would shake the pan: the last layer has two
+digits of 8 bits, of features and of weights. The decoder aims by what it sees, and one digit tells positions apart by 2
+mm: these inputs have two as well. They are time series, and smooth: the rounding error of a weight goes into the same
+channel's weight of the next sample, so that only what changes from sample to sample is multiplied by it.
 """
 
 from __future__ import annotations
@@ -175,9 +176,10 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
         graph.node("Concat", values, f"{name}_out", axis=0)
 
     x = _linear(graph, "feedforward", x, weights["feedforward.weight"], weights["feedforward.bias"])
-    x = _quantize(graph, graph.node("Tanh", [x], "features"))
+    x = graph.node("Tanh", [x], "features")
     w, b = (ACCELERATION_SCALE * weights[f"output.{name}"].astype(np.float64) for name in ("weight", "bias"))
-    x = _linear(graph, "output", x, w, b)
+    x = _precise_linear(graph, "output", x, w, digits=2)
+    x = graph.node("Add", [x, graph.constant("output.bias", b.astype(np.float32))], "output")
     bound = manifest.acceleration_bound
     shape = graph.axes("acceleration_shape", 0, manifest.chunk, 2)
     x = graph.node("Reshape", [x, shape], "pan_acceleration" if bound is None else "unbounded")
@@ -212,19 +214,35 @@ def _linear(graph: GraphBuilder, name: str, x: str, weight: FloatArray, bias: Fl
     return graph.node("Add", [scaled, graph.constant(f"{name}.bias", bias.astype(np.float32))], name)
 
 
-def _precise_linear(graph: GraphBuilder, name: str, x: str, weight: FloatArray, series: Series) -> str:
-    """Add weight x (outputs, inputs) of values in [-1, 1] by their two digits, which are rows multiplied at once."""
+def _precise_linear(
+    graph: GraphBuilder, name: str, x: str, weight: FloatArray, series: Series = (), digits: int = 1
+) -> str:
+    """Add weight x (outputs, inputs) of values in [-1, 1] by their two digits, which are rows multiplied at once.
+
+    Args:
+        graph, name, x: what it is added to, its name and that of the values.
+        weight: (outputs, inputs).
+        series: see `_integers`.
+        digits: of the weights; the second ones are what the first have left.
+    """
     high = _quantize(graph, x)
     rest = graph.node("Sub", [x, graph.node("DequantizeLinear", [high, "step", "middle"], f"{x}_high")], f"{x}_rest")
     low = graph.node("QuantizeLinear", [rest, "fine_step", "middle"], f"{rest}_integers")
-    digits = graph.node("Concat", [high, low], f"{x}_digits", axis=0)
-    integers, scale = _integers(weight.T, series)
-    total = graph.node("MatMulInteger", [digits, graph.constant(f"{name}.weight", integers), "middle"], f"{name}_total")
-    total = graph.node("Cast", [total], f"{name}_float", to=TensorProto.FLOAT)
-    parts = graph.split(total, [f"{name}_high", f"{name}_low"], axis=0, num_outputs=2)
-    for part, steps in zip(parts, (STEPS, FINE_STEPS), strict=True):
-        graph.node("Mul", [part, graph.constant(f"{part}.scale", scale / np.float32(steps))], f"{part}_scaled")
-    return graph.node("Add", [f"{part}_scaled" for part in parts], name)
+    rows = graph.node("Concat", [high, low], f"{x}_digits", axis=0)
+    left, terms = weight.T, []
+    for digit in range(digits):
+        integers, scale = _integers(left, series)
+        left = left - integers * scale
+        product = f"{name}_{digit}"
+        total = graph.node("MatMulInteger", [rows, graph.constant(f"{product}.weight", integers), "middle"], product)
+        total = graph.node("Cast", [total], f"{product}_float", to=TensorProto.FLOAT)
+        parts = graph.split(total, [f"{product}_high", f"{product}_low"], axis=0, num_outputs=2)
+        for part, steps in zip(parts, (STEPS, FINE_STEPS), strict=True):
+            worth = graph.constant(f"{part}.scale", scale / np.float32(steps))
+            terms.append(graph.node("Mul", [part, worth], f"{part}_scaled"))
+    while len(terms) > 1:
+        terms = [graph.node("Add", terms[:2], f"{name}_sum{len(terms)}"), *terms[2:]]
+    return terms[0]
 
 
 def _integers(weight: FloatArray, series: Series = ()) -> tuple[NDArray[np.int8], NDArray[np.float32]]:

@@ -44,7 +44,7 @@ import onnxruntime
 BUNDLE_FORMAT = "slide-bundle/1"
 MANIFEST_FILE = "manifest.json"
 SHIPPED = Path(__file__).parent / "models"
-"""Folder of the bundles that are shipped, which are known by their names too: `default` and `int8`."""
+"""Folder of the bundles that are shipped, which are known by their names too: `default`, in int8, and `fp32`."""
 
 PRECISIONS = ("fp32", "int8")
 

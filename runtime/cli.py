@@ -124,7 +124,7 @@ def slide_plan(
     command_file: Annotated[Path, typer.Argument(help="Command: .csv, .json or .npz.", show_default=False)],
     output: Annotated[Path, typer.Option("--output", "-o", help="Plan to write: .json or .npz.", show_default=False)],
     model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, int8.", metavar="DIR")
+        Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, fp32.", metavar="DIR")
     ] = None,
     static: Static = None,
     kinetic: Kinetic = None,
@@ -297,7 +297,7 @@ def _replay(plan_file: Path, static: float | None, kinetic: float | None, report
 
 
 def slide_info(
-    bundle: Annotated[Path | None, typer.Argument(help="Bundle folder, or a shipped one: default, int8.")] = None,
+    bundle: Annotated[Path | None, typer.Argument(help="Bundle folder, or a shipped one: default, fp32.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what a bundle is: its network, what it was trained for and how it did."""

@@ -40,7 +40,7 @@ def slide_serve(
     host: Annotated[str | None, typer.Option("--host", help="Address to listen on; 127.0.0.1 if not given.")] = None,
     port: Annotated[int | None, typer.Option("--port", help="Port; 8000 if not given, 0 for any free one.")] = None,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, int8.", metavar="DIR")
+        Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, fp32.", metavar="DIR")
     ] = None,
     bundle_sha256: Annotated[
         str | None, typer.Option("--bundle-sha256", help="sha256 its manifest must have.", metavar="HEX")

@@ -23,7 +23,7 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 for any that is free.")
     token: SecretStr | None = Field(None, description="Bearer token that requests must carry.")
     insecure: bool = Field(False, description="Listen beyond this machine without a token.")
-    model: Path | None = Field(None, description="Bundle folder, or a shipped one: default, int8.")
+    model: Path | None = Field(None, description="Bundle folder, or a shipped one: default, fp32.")
     bundle_sha256: str | None = Field(
         None, pattern="^[0-9a-f]{64}$", description="sha256 that the bundle's manifest must have."
     )

@@ -98,7 +98,7 @@ def slide_train(
         raise InputError("--init and --resume both say what to begin with: give one of them")
     if resume is None and init is None and not trains_from_scratch(settings):
         raise InputError(
-            f"configuration {settings.name} goes on from a trained network: --init runs/base, or --init default"
+            f"configuration {settings.name} goes on from a trained network: --init runs/base, or --init fp32"
         )
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 

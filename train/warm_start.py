@@ -43,10 +43,12 @@ def load_weights(model: Seq2Seq, source: Path) -> dict[str, str]:
 
     Raises:
         FormatError, BundleError: it is none of these, or damaged.
-        InputError: it is a network of another shape, which is named.
+        InputError: it is in integers, or a network of another shape, which is named.
     """
     if (source / MANIFEST_FILE).exists():
         bundle = Bundle.load(source)  # checks hashes and operators before anything here reads the graphs
+        if bundle.manifest.precision != "fp32":
+            raise InputError(f"cannot begin with {source}: it is {bundle.manifest.precision}; begin with an fp32 one")
         weights, origin = _weights_of_graphs(source), {"name": bundle.manifest.name, "sha256": bundle.sha256}
     else:
         config, other = load_model(load_checkpoint(source))

@@ -62,4 +62,4 @@ def test_building_it_leaves_torch_s_generator_alone(tiny_bundle: Path) -> None:
 def test_shipped_bundle_is_known_by_its_name_here_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (position,) = spline().positions[:1]
-    assert_same_until_the_branches_part(Planner("default").plan(position), EagerPlanner("default").plan(position))
+    assert_same_until_the_branches_part(Planner("fp32").plan(position), EagerPlanner("fp32").plan(position))

@@ -33,7 +33,7 @@ def test_bundle_says_what_its_manifest_says(bundle_path: Path) -> None:
     assert bundle.sizes == {name: (bundle_path / f"{name}.onnx").stat().st_size for name in ("encoder", "decoder_step")}
 
 
-@pytest.mark.parametrize(("name", "precision"), [("default", "fp32"), ("int8", "int8")])
+@pytest.mark.parametrize(("name", "precision"), [("default", "int8"), ("fp32", "fp32")])
 def test_shipped_bundle_is_known_by_its_name(
     name: str, precision: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

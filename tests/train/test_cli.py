@@ -58,9 +58,10 @@ def test_finished_run_resumes_to_the_same_answer(folder):
         (["default", "--run", "x"], "--init runs/base"),
         (["paper", "--run", "x", "--init", "runs/smoke"], "decoder_lstm.weight_ih_l0 is of shape (64, 1600)"),
         (
-            ["smoke", "--run", "x", "--init", "default"],
-            "models/default: its encoder_lstm.weight_ih_l0 is of shape (1024",
+            ["smoke", "--run", "x", "--init", "fp32"],
+            "models/fp32: its encoder_lstm.weight_ih_l0 is of shape (1024",
         ),
+        (["default", "--run", "x", "--init", "default"], "models/default: it is int8; begin with an fp32 one"),
         (["default", "--model", "B"], "model: B is trained from scratch"),
         (["smoke", "--resume", "runs/smoke", "--init", "runs/smoke"], "give one of them"),
     ],
@@ -94,7 +95,7 @@ def test_two_models_of_one_name_are_refused(folder):
 
 
 def test_shipped_bundles_go_by_their_names():
-    assert _named("int8") == ("", SHIPPED / "int8")
+    assert _named("fp32") == ("", SHIPPED / "fp32")
     assert _named("best=default") == ("best", SHIPPED / "default")
     assert _named("runs/a=b") == ("", Path("runs/a=b"))
 
