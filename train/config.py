@@ -163,6 +163,7 @@ CONFIGURATIONS: dict[str, TrainConfig] = {
     "default": TrainConfig(
         name="default",
         families=FASTER,
+        units=384,
         curriculum="mid-course",
         epochs=150,
         optimizer="muon",
@@ -170,7 +171,7 @@ CONFIGURATIONS: dict[str, TrainConfig] = {
         final_learning_rate=5e-6,
         tracking="rms",
         gamma=0.2,
-        late_gamma=0.45,
+        late_gamma=0.5,
         pan_margin=0.005,
         braking=20.0,
         jerk=1.0,
