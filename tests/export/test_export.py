@@ -22,6 +22,7 @@ from runtime.bundle import Bundle
 from runtime.errors import FormatError, OutputError
 from runtime.limits import NO_LIMITS
 from train.config import load_config
+from train.evaluate import commands_of
 from train.trainer import Trainer, load_checkpoint, load_model
 
 OPERATORS = {
@@ -170,8 +171,18 @@ def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_pat
     asked = [planner.plan(position, limits=NO_LIMITS).pan_acceleration[:100] for planner in (fp32, int8)]
     difference = asked[0] - asked[1]
     assert 0.0 < np.abs(difference).max() < 0.1 * np.abs(asked[0]).max()
-    jitter = np.abs(np.diff(difference, axis=0)).mean()
-    assert jitter < 0.015 * np.abs(np.diff(asked[0], axis=0)).mean()
+
+
+def test_shipped_integers_shake_the_pan_no_more_than_the_floats_they_were_made_of():
+    """Rounding is another for each sample: with one digit in the last layer |du| grows by an eighth."""
+    positions = list(commands_of("spline_acceleration", 12))
+    changes = []
+    for name in ("fp32", "default"):
+        plans = Planner(name).plan_batch(positions)
+        changes.append(
+            np.mean([np.linalg.norm(np.diff(plan.pan_acceleration, axis=0), axis=1).mean() for plan in plans])
+        )
+    assert changes[1] < 1.05 * changes[0]
 
 
 def test_rounding_of_weights_does_not_show_where_a_time_series_is_smooth():
