@@ -255,8 +255,8 @@ def _integers(weight: FloatArray, series: Series = ()) -> tuple[NDArray[np.int8]
     wanted = np.ascontiguousarray(weight / scale)
     begin = 0
     for channels, samples in series:
-        rows = wanted[begin : begin + channels * samples].reshape(samples, channels, -1)
-        owed = np.zeros_like(rows[0])
+        rows = wanted[begin : begin + channels * samples].reshape(samples, channels, wanted.shape[1])
+        owed = np.zeros((channels, wanted.shape[1]))
         for k in range(samples):
             rounded = np.clip(np.round(rows[k] + owed), -MAX_WEIGHT, MAX_WEIGHT)
             owed = rows[k] + owed - rounded

@@ -11,9 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from runtime.errors import InputError
 from train.commands import FAMILIES
 from train.curriculum import CURRICULA, Model
-from train.optimizer import Kind
 
+# These stand here, and not where they are put to use, so that a configuration is judged without loading torch.
 Precision = Literal["auto", "float32", "bfloat16"]
+OptimizerKind = Literal["adam", "muon"]
+Tracking = Literal["likelihood", "distance", "rms"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(gt=0)]
@@ -47,7 +49,7 @@ class TrainConfig(BaseModel):
     epochs: Count = 50
     trajectories: Count = Field(16384, description="trajectories per epoch")
     batch: Count = 128
-    optimizer: Kind = Field("adam", description="adam, as in the paper, or muon for the matrices")
+    optimizer: OptimizerKind = Field("adam", description="adam, as in the paper, or muon for the matrices")
     learning_rate: Positive = 1e-3
     final_learning_rate: NonNegative = 1e-5
     gradient_clip: Positive = Field(1.0, description="bound on the gradient's norm")
@@ -55,7 +57,7 @@ class TrainConfig(BaseModel):
     precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
     threads: Count = Field(2, description="CPU threads of each process; resuming bit for bit needs the same number")
 
-    tracking: Literal["likelihood", "distance", "rms"] = Field(
+    tracking: Tracking = Field(
         "distance", description="of L: Eq. 22, distance in mm, or its root mean square over each trajectory"
     )
     alpha: Positive = Field(1.0, description="weight of the tracking loss, Eq. 22")

@@ -6,12 +6,13 @@ Time line: row k of `states` is the state at t_{k+1}, after u[k]; row k of `cova
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from runtime.friction import DT
+from train.config import Tracking
 from train.parallel import mean_over_processes
 
 POSITION_STD_FLOOR = 1e-3
@@ -39,7 +40,7 @@ class Weights(NamedTuple):
     beta: float
     gamma: float
     pan_limit: float
-    tracking: Literal["likelihood", "distance", "rms"] = "likelihood"
+    tracking: Tracking = "likelihood"
     jerk: float = 0.0
     largest_change: float = 10.0
     braking: float = 0.0

@@ -7,12 +7,12 @@ each of them gets a step of its own: better than one for all, and five times che
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-Kind = Literal["adam", "muon"]
+from train.config import OptimizerKind
 
 GATES = 4
 """Of an LSTM: its matrices are that many, one on top of the other."""
@@ -27,7 +27,7 @@ class Optimizer:
         rate: the learning rate.
     """
 
-    def __init__(self, model: nn.Module, kind: Kind, rate: float) -> None:
+    def __init__(self, model: nn.Module, kind: OptimizerKind, rate: float) -> None:
         self.parameters = list(model.parameters())
         matrices = [(name, weight) for name, weight in model.named_parameters() if weight.ndim == 2 and kind == "muon"]
         self._parts = [(weight, _parts(name, weight)) for name, weight in matrices]

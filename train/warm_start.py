@@ -63,6 +63,9 @@ def _take(model: Seq2Seq, weights: dict[str, Tensor], source: Path) -> None:
     """Copy weights in place; where the network has more units, they come after those of the weights."""
     units = weights["feedforward.weight"].shape[1] if "feedforward.weight" in weights else model.units
     wider = model.units > units
+    unknown = min(weights.keys() - model.state_dict().keys(), default=None)
+    if unknown is not None:
+        raise InputError(f"cannot begin with {source}: it has {unknown}, which this network has not")
     with torch.no_grad():
         for name, tensor in model.state_dict().items():
             found = weights.get(name)

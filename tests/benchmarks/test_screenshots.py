@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import struct
 import sys
 
@@ -20,9 +19,7 @@ def call(folder, monkeypatch):
     return caught.value.code
 
 
-@pytest.mark.skipif(
-    not (os.environ.get("SLIDE_CHROMIUM") or shutil.which("chromium") or os.environ.get("CI")), reason="no Chromium"
-)
+@pytest.mark.skipif(not (screenshots.chromium() or os.environ.get("CI")), reason="no Chromium")
 def test_pictures_are_as_wide_as_the_windows(tmp_path, monkeypatch):
     assert not call(tmp_path, monkeypatch)
     sizes = {path.stem: struct.unpack(">II", path.read_bytes()[16:24]) for path in tmp_path.iterdir()}

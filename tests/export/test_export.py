@@ -188,7 +188,7 @@ def test_shipped_integers_shake_the_pan_no_more_than_the_floats_they_were_made_o
 def test_rounding_of_weights_does_not_show_where_a_time_series_is_smooth():
     """A channel that stays where it is: at most half a step of one weight is left of its hundred rounding errors."""
     weight = np.random.default_rng(0).normal(size=(3 * 100 + 5, 7))
-    values, step = _integers(weight, [(3, 100)])
+    values, step = _integers(weight, [(3, 100), (4, 0)])  # as of a decoder that sees no command ahead
     assert np.abs(values).max() <= 63
     error = values * step.astype(np.float64) - weight
     held = error[:300].reshape(100, 3, 7).sum(axis=0)

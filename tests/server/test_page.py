@@ -7,7 +7,6 @@ import math
 import os
 import re
 import shlex
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,19 +16,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Route, expect, sync_playwright
 
+from benchmarks.screenshots import ARGUMENTS, PATIENCE, chromium
 from runtime import Command, Plan
 
-CHROMIUM = os.environ.get("SLIDE_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-PATIENCE = 60_000  # ms: a browser without a graphics card on a busy machine
+CHROMIUM = chromium()
 EXAMPLES = ["Circle", "Eight", "Strokes", "Signature"]
 
 expect.set_options(timeout=PATIENCE)

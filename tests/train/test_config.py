@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -64,3 +66,8 @@ def test_truncated_file_is_refused(tmp_path):
     path.write_text(CONFIGURATIONS["smoke"].model_dump_json()[:50])
     with pytest.raises(InputError, match=r"cut\.json"):
         load_config(str(path))
+
+
+def test_configuration_is_judged_without_loading_torch():
+    code = "import sys, train.config; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -90,6 +90,8 @@ def test_narrower_or_deeper_network_is_refused(run, tmp_path):
             load_weights(other(units=8), source)
         with pytest.raises(InputError, match="weight_ih_l2 is missing"):
             load_weights(other(layers=3), source)
+        with pytest.raises(InputError, match=r"it has decoder_lstm\.bias_hh_l1, which this network has not"):
+            load_weights(other(layers=1), source)
 
 
 def test_what_is_neither_run_nor_bundle_is_refused(tmp_path):
