@@ -39,11 +39,11 @@ bench: $(VENV)/dev.stamp ## accuracy on the suite, and speed beside torch
 	$(BIN)/slide-bench
 
 bench-server: $(VENV)/dev.stamp ## the server under load, with the figures asked for beside
-	$(BIN)/python -m benchmarks.server
+	$(BIN)/python -m benchmarks.sections.server
 
 soak: $(VENV)/dev.stamp ## the same for half an hour, and 200 examples an operation of the OpenAPI document
 	SLIDE_EXAMPLES=200 $(BIN)/python -m pytest tests/server/test_openapi.py --timeout 7200
-	$(BIN)/python -m benchmarks.server --soak
+	$(BIN)/python -m benchmarks.sections.server --soak
 
 clean: ## remove the environment and what was built
 	rm -rf $(VENV) build out *.egg-info

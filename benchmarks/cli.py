@@ -18,11 +18,13 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks import accuracy, control, endurance, refinement, speed
-from benchmarks.machine import Machine, this_machine, versions
-from benchmarks.targets import Verdict, judge
-from runtime.cli import DONE_BUT_MISSED, AsJson, print_json, run, say
-from runtime.documents import check_writable, write_whole
+from benchmarks.harness.machine import Machine, this_machine, versions
+from benchmarks.harness.targets import Verdict, judge
+from benchmarks.sections import accuracy, control, speed
+from benchmarks.sections import long as endurance
+from benchmarks.sections import refine as refinement
+from runtime.cli.console import DONE_BUT_MISSED, AsJson, print_json, run, say
+from runtime.documents.files import check_writable, write_whole
 from runtime.friction import Friction
 from runtime.planner import Planner
 
@@ -131,7 +133,7 @@ def measure(chosen: list[Section], planner: Planner, model: Path | None) -> tupl
             notes.append(f"training is left out: {missing} is not installed; {TRAIN_EXTRA}")
         elif Section.TRAINING in chosen:
             _progress("training step")
-            from benchmarks import training
+            from benchmarks.sections import training
 
             sections[Section.TRAINING] = training.measure()
     return sections, notes
@@ -143,8 +145,8 @@ def one_torch_thread() -> Iterator[str]:
     try:
         import torch
 
-        import benchmarks.torch_eager
-        import benchmarks.training  # noqa: F401
+        import benchmarks.peers.torch_eager
+        import benchmarks.sections.training  # noqa: F401
     except ModuleNotFoundError as error:
         yield error.name or "torch"
         return
@@ -159,13 +161,13 @@ def one_torch_thread() -> Iterator[str]:
 
 
 def _eager_planner(model: Path | None) -> Planner:
-    from benchmarks.torch_eager import EagerPlanner  # torch takes seconds to load, and may not be installed
+    from benchmarks.peers.torch_eager import EagerPlanner
 
     return EagerPlanner(model)
 
 
 def _optimizer() -> accuracy.PlanFunction:
-    from benchmarks.peers.cross_entropy import CrossEntropy  # numba takes as long, and may not be installed
+    from benchmarks.peers.cross_entropy import CrossEntropy
 
     optimizer = CrossEntropy()
     position = np.zeros((10, 2))
@@ -195,7 +197,7 @@ def document(machine: Machine, planner: Planner, sections: Mapping[Section, Any]
 def _print_results(
     machine: Machine, model: Mapping[str, object], sections: Mapping[Section, Any], verdicts: list[Verdict]
 ) -> None:
-    from benchmarks import tables  # rich takes as long to import as all the rest of a short program
+    from benchmarks.harness import tables
 
     print_section: dict[Section, Callable[..., list[Any]]] = {
         Section.ACCURACY: tables.accuracy_tables,

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import Friction, Planner, StreamStatus
-from runtime.friction import integrate_pan, rollout
+from runtime.physics.law import rollout
+from runtime.physics.pan import integrate_pan
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.bundle import MANIFEST_FILE, bundle_path
-from runtime.cli import MM, AsJson, extra, print_json, print_table, run
-from runtime.errors import InputError
+from runtime.cli.console import MM, AsJson, print_json, print_table, run
+from runtime.errors import InputError, extra
+from runtime.network.bundle import bundle_path
+from runtime.network.manifest import MANIFEST_FILE
 
 if TYPE_CHECKING:  # they import torch, which takes seconds and may not be installed
     from export.quantize import Comparison
@@ -44,8 +45,8 @@ def slide_export(
 ) -> None:
     """Export a trained network as a bundle, after comparing the two in closed loop; int8 also by its error."""
     with extra("train"):
-        from export.bundle import Exported, export_bundle  # torch takes seconds to load
         from export.quantize import Quantized, quantize_bundle
+        from export.write_bundle import Exported, export_bundle
 
     source = bundle_path(source)
     exported: Exported | None = None

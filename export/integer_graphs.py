@@ -22,10 +22,10 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from export.onnx_export import GraphBuilder, add_bound
-from runtime.bundle import Manifest
-from runtime.documents import FloatArray
-from train.model import ACCELERATION_SCALE
+from export.graph_builder import GraphBuilder, add_bound
+from runtime.documents.checks import FloatArray
+from runtime.network.manifest import Manifest
+from train.network.model import ACCELERATION_SCALE
 
 Weights = Mapping[str, NDArray[Any]]
 

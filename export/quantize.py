@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from export.bundle import bundle_folder, write_graph, write_manifest
 from export.integer_graphs import integer_decoder_step, integer_encoder, weights_of
+from export.write_bundle import bundle_folder, write_graph, write_manifest
 from runtime import Planner
-from runtime.bundle import DECODER_STEP, ENCODER, Manifest
-from runtime.documents import FloatArray
+from runtime.documents.checks import FloatArray
 from runtime.errors import SlideError
-from train.commands import FAMILIES
-from train.evaluate import commands_of
+from runtime.network.manifest import DECODER_STEP, ENCODER, Manifest
+from train.commands.families import FAMILIES
+from train.evaluation.evaluate import commands_of
 
 COMMANDS = 16
 """Commands of each family that both bundles plan."""

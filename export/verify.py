@@ -11,11 +11,11 @@ import torch
 from runtime import Friction, Planner
 from runtime.errors import SlideError
 from runtime.limits import NO_LIMITS
-from train.batches import make_batch
-from train.closed_loop import decode
-from train.commands import free_commands
+from train.batches.batches import make_batch
+from train.commands.families import free_commands
 from train.config import TrainConfig
-from train.model import Seq2Seq
+from train.network.model import Seq2Seq
+from train.physics.closed_loop import decode
 
 COMMANDS = 16
 SAMPLES = 1200

@@ -16,8 +16,9 @@ from runtime.errors import (
     ServerError,
     SlideError,
 )
-from runtime.friction import Friction, compile_law
+from runtime.friction import Friction
 from runtime.limits import Limits
+from runtime.physics.law import compile_law
 from runtime.plan import Plan
 from runtime.planner import Planner
 from runtime.quality import Quality, Status

@@ -16,19 +16,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from runtime.documents import (
-    FloatArray,
-    column,
-    number,
-    parse_json,
-    parse_npz,
-    read_bytes,
-    read_text,
-    reading,
-    table,
-)
+from runtime.documents.checks import FloatArray, column, number, table
+from runtime.documents.files import parse_json, parse_npz, read_bytes, read_text, reading
 from runtime.errors import InputError
-from runtime.friction import DT
+from runtime.physics.law import DT
 
 MAX_DURATION = 600.0
 """Longest command (s). Nobody shakes a pan for ten minutes; a time column in milliseconds looks as if."""

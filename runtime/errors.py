@@ -6,6 +6,9 @@ command line prints it in one line and exits with 2, a server maps the class to 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class SlideError(Exception):
     """Base class of every error this project raises on purpose."""
@@ -37,3 +40,16 @@ class ConcurrentUseError(SlideError, RuntimeError):
 
 class ServerError(SlideError):
     """A server cannot be reached, refuses, or does not answer as agreed; what it says is passed on."""
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Import inside this what an extra brings.
+
+    Raises:
+        MissingExtraError: a package is not installed; the message says what to install.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(f"{error.name} is not installed: pip install 'slide-planner[{name}]'") from error

@@ -17,23 +17,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from runtime.documents import (
-    FloatArray,
-    check_format,
-    fields,
-    number,
-    parse_json,
-    parse_npz,
-    read_bytes,
-    read_text,
-    reading,
-    table,
-    text,
-    write_whole,
-)
+from runtime.documents.checks import FloatArray, check_format, fields, number, table, text
+from runtime.documents.files import parse_json, parse_npz, read_bytes, read_text, reading, write_whole
 from runtime.errors import InputError, OutputError
-from runtime.friction import Friction, rollout
-from runtime.quality import Quality, Status, assess, tracking_error
+from runtime.friction import Friction
+from runtime.physics.law import rollout
+from runtime.physics.motion import tracking_error
+from runtime.quality import Quality, Status, assess
 
 __all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "assess", "check_suffix", "tracking_error"]
 

@@ -10,16 +10,20 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.bundle import SHIPPED, TRAINED_ON, Bundle
 from runtime.command import Command
-from runtime.decoding import Decoded, Job, begin, chunk_count, decode
-from runtime.documents import number
+from runtime.documents.checks import number
 from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.limits import Limits
+from runtime.network.bundle import SHIPPED, Bundle
+from runtime.network.decode import Job, decode
+from runtime.network.manifest import TRAINED_ON
+from runtime.network.reader import chunk_count
+from runtime.physics.motion import Decoded
 from runtime.plan import Plan
 from runtime.quality import Record, assess, friction_range
-from runtime.refine import Effort, kernels, refine
+from runtime.refine.refine import Effort, kernels, refine
+from runtime.safety.pan import begin
 from runtime.start import Start
 from runtime.stream import Stream
 

@@ -11,10 +11,12 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from runtime.documents import FloatArray, fields, number, text
+from runtime.documents.checks import FloatArray, fields, number, text
 from runtime.errors import InputError
-from runtime.friction import Friction, rollout_batch
+from runtime.friction import Friction
 from runtime.limits import UNITS, Limits
+from runtime.physics.law import rollout_batch
+from runtime.physics.motion import _lengths, tracking_error
 
 FIGURES = {"pan_reach": "pan_reach", "acceleration": "acceleration_max", "jerk": "jerk_max"}
 """The figure of `Quality` that each limit bounds."""
@@ -331,14 +333,3 @@ def _around(values: FloatArray, good: Sequence[bool], nominal: float) -> tuple[f
     while high + 1 < len(values) and good[high + 1]:
         high += 1
     return float(values[low]), float(values[high])
-
-
-def tracking_error(object_position: FloatArray, command_position: FloatArray) -> tuple[float, float]:
-    """Return the root mean square and the largest distance (m) between object and command, each (K, 2) (m)."""
-    error = _lengths(object_position - command_position)
-    return float(np.sqrt(np.mean(error * error))), float(error.max())
-
-
-def _lengths(vectors: FloatArray) -> FloatArray:
-    """Return the Euclidean lengths (...) of (..., 2) vectors."""
-    return np.hypot(vectors[..., 0], vectors[..., 1])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.documents import FloatArray, number
+from runtime.documents.checks import FloatArray, number
 from runtime.errors import InputError
 
 ORIGIN = (0.0, 0.0)

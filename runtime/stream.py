@@ -16,25 +16,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.bundle import Bundle, DecoderState, Float32Array
 from runtime.command import Command
-from runtime.decoding import Job, begin, chunk_count, command_chunks, decode_step, history, origins, window
-from runtime.documents import FloatArray
+from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError, ConcurrentUseError, InputError
-from runtime.friction import GRAVITY, Friction, integrate_pan, rollout
-from runtime.governor import Motion, govern
-from runtime.limits import Brake, Limits, PanState, find_brake, stop_reach
-from runtime.sensing import check_age, check_states, complete
+from runtime.measured import check_age, check_states, complete
+from runtime.network.bundle import Bundle
+from runtime.network.decode import Job
+from runtime.network.reader import Reader, held_still
+from runtime.physics.law import rollout
+from runtime.physics.pan import integrate_pan
+from runtime.safety.governor import govern
+from runtime.safety.pan import Motion, begin
+from runtime.safety.stop import PanState, find_brake, gentle_stop, stop_reach
 from runtime.start import Start
 
 MAX_MISSING = 1
 """Chunks in a row that are planned from the prediction alone: an object unseen for longer may be anywhere."""
-
-GENTLE = 0.9
-"""Share of the static friction mu g that a gentle stop takes: a resting object stays at rest, with some to spare."""
-
-STRENGTHS = 5
-"""Stops tried from a gentle one to the strongest."""
 
 
 class StreamStatus(StrEnum):
@@ -51,18 +48,6 @@ class StreamStatus(StrEnum):
 
     BRAKING = "braking"
     """The stop, until `reset`: too much was missing in a row, or the network gave no finite number."""
-
-
-class Target(NamedTuple):
-    """The command as the decoder sees it from chunk `first` to chunk `last`, `n` iterations in."""
-
-    command: Command
-    first: int
-    last: int
-    n: int
-    ahead: Float32Array
-    origin: FloatArray
-    memory: DecoderState
 
 
 class Carried(NamedTuple):
@@ -108,7 +93,7 @@ class Stream:
         self._bundle, self._friction, self._limits = bundle, job.friction, job.limits
         self._lock = threading.Lock()
         self._carried = self._begin(job.start, job.command.position[0])
-        self._target = self._aim(job.command, 0)
+        self._reader = Reader.at(bundle, [job.command])
 
     @property
     def status(self) -> StreamStatus:
@@ -200,7 +185,8 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            self._target = self._aim(position if isinstance(position, Command) else Command.from_samples(position), 0)
+            command = position if isinstance(position, Command) else Command.from_samples(position)
+            self._reader = Reader.at(self._bundle, [command])
 
     def reset(self, start: Start) -> None:
         """Begin again from where pan and object are, with what is left of the command.
@@ -210,11 +196,10 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            target = self._target
-            first = target.first + target.n
-            row = min(first * self._bundle.manifest.chunk, len(target.command) - 1)
-            self._carried = self._begin(start, target.command.position[row])
-            self._target = self._aim(target.command, first)
+            (command,), first = self._reader.commands, self._reader.chunk
+            row = min(first * self._bundle.manifest.chunk, len(command) - 1)
+            self._carried = self._begin(start, command.position[row])
+            self._reader = Reader.at(self._bundle, [command], first)
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
@@ -230,19 +215,11 @@ class Stream:
         """Return what is carried before the first chunk; `mark` (2,) is where the object is if nothing is said (m)."""
         motion = begin(start, self._limits)
         pan, sliding = (
-            history(state[None, None], self._bundle.manifest)[0]
+            held_still(state[None, None], self._bundle.manifest)[0]
             for state in (start.pan_state(), start.object_state(mark))
         )
         none = np.tile(start.pan_acceleration, (len(pan), 1))
         return Carried(motion, none, pan, sliding, motion)
-
-    def _aim(self, command: Command, first: int) -> Target:
-        """Let the encoder read a command from chunk `first` on; past its end it is held."""
-        manifest = self._bundle.manifest
-        last, seen = window(first, max(chunk_count(command, manifest), first + 1), manifest)
-        ahead = command_chunks(command, manifest, first, seen)[None]
-        origin = origins([command], first * manifest.chunk)[0]
-        return Target(command, first, last, 0, ahead, origin, self._bundle.encode(ahead[:, : seen - first]))
 
     def _slide(self, state: FloatArray, u: FloatArray) -> FloatArray:
         return rollout(state, u, self._friction)
@@ -281,14 +258,9 @@ class Stream:
         Raises:
             BundleError: the network gave no finite number.
         """
-        target = self._target
-        if target.first + target.n == target.last < chunk_count(target.command, self._bundle.manifest):
-            target = self._aim(target.command, target.last)
-        asked, memory = decode_step(
-            self._bundle, pan[None], (sliding - target.origin)[None], target.ahead, target.n, target.memory
-        )
+        asked, reader = self._reader.look(pan[None], sliding[None])
         governed = govern([motion], asked)
-        self._target = target._replace(n=target.n + 1, memory=memory)
+        self._reader = reader
         return governed.acceleration[0], governed.motions[0], governed.pan[0]
 
     def _stop(self, motion: Motion) -> FloatArray:
@@ -304,14 +276,3 @@ class Stream:
         sliding = self._slide(last.sliding[-1], u)
         self._carried = Carried(motion, u, pan, sliding, after, status=StreamStatus.BRAKING)
         return u.copy()
-
-
-def gentle_stop(state: PanState, limits: Limits, friction: Friction) -> Brake | None:
-    """Return the gentlest of a few stops in reach, from GENTLE mu g to the acceleration limit; None if none is."""
-    gentlest = min(GENTLE * friction.static * GRAVITY, limits.acceleration)
-    for strength in np.linspace(gentlest, limits.acceleration, STRENGTHS).tolist():
-        if strength > 0.0:
-            brake = find_brake(state, limits, strength)
-            if stop_reach(state, brake) <= limits.pan_reach:
-                return brake
-    return None

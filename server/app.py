@@ -16,9 +16,9 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
-from server import plans, stream
-from server.guard import Guard
-from server.openapi import describe, problems
+from server.http import plans, stream
+from server.http.guard import Guard
+from server.http.openapi import describe, problems
 from server.problems import Problem, for_status
 from server.service import Service
 from server.settings import Settings

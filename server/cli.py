@@ -15,10 +15,10 @@ import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
 
-from runtime.cli import BAD_INPUT, run
+from runtime.cli.console import BAD_INPUT, run
 from runtime.errors import InputError
 from server.app import create_app
-from server.protocol import GuardedProtocol
+from server.http.protocol import GuardedProtocol
 from server.settings import Settings
 
 log = logging.getLogger("slide-serve")

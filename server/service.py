@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from runtime import Planner, SlideError
-from server.batching import Dispatcher, overloaded
 from server.metrics import Metrics
+from server.planning.dispatcher import Dispatcher, overloaded
+from server.planning.messages import Order
 from server.problems import Problem
 from server.settings import Settings
-from server.worker import Order
 
 log = logging.getLogger("slide-serve")
 

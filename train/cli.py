@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from runtime.bundle import bundle_path
-from runtime.cli import MM, AsJson, extra, print_json, run, say
-from runtime.errors import InputError, OutputError
+from runtime.cli.console import MM, AsJson, print_json, run, say
+from runtime.errors import InputError, OutputError, extra
+from runtime.network.bundle import bundle_path
 
 if TYPE_CHECKING:
-    from train.arm_evaluation import ArmRow
     from train.config import TrainConfig
-    from train.evaluate import Row, Subject
-    from train.trainer import Trainer
+    from train.evaluation.arm import ArmRow
+    from train.evaluation.evaluate import Row, Subject
+    from train.learn.trainer import Trainer
 
 
 class Device(StrEnum):
@@ -103,9 +103,10 @@ def slide_train(
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
     with extra("train"):
-        from train.parallel import process_group  # torch takes seconds to load
-        from train.trainer import CHECKPOINT, Trainer, load_checkpoint
-        from train.warm_start import begin_with
+        from train.learn.parallel import process_group
+        from train.learn.trainer import Trainer
+        from train.learn.warm_start import begin_with
+        from train.network.checkpoint import CHECKPOINT, load_checkpoint
 
     if resume is None and (folder / CHECKPOINT).exists():
         raise OutputError(f"{folder} holds a run already: continue it with --resume {folder}, or give another --run")
@@ -124,8 +125,8 @@ def slide_train(
 
 def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
     """Train, and say what came of it; process 0 speaks for all."""
-    from train.parallel import rank
-    from train.trainer import CHECKPOINT
+    from train.learn.parallel import rank
+    from train.network.checkpoint import CHECKPOINT
 
     try:
         with _progress(trainer, quiet=as_json or rank() > 0) as report:
@@ -207,8 +208,8 @@ def slide_eval(
 ) -> None:
     """Evaluate networks on every family of commands they may be given, under nominal friction."""
     with extra("train"):
-        from train.commands import FAMILIES
-        from train.evaluate import evaluate, load_subject
+        from train.commands.families import FAMILIES
+        from train.evaluation.evaluate import evaluate, load_subject
     subjects = [load_subject(path, name) for name, path in map(_named, sources)]
     names = [subject.name for subject in subjects]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -216,7 +217,7 @@ def slide_eval(
         raise InputError(f"two of the models are called {twice!r}: give one another name, as in best=FOLDER")
     arm_tables = _on_arm(subjects) if pybullet else {}
     if reproduce is not None:
-        from train.reproduction import reproduce as write_reproduction
+        from train.evaluation.reproduction import reproduce as write_reproduction
 
         for path in write_reproduction(subjects, reproduce, arm_tables):
             say("slide-eval", f"wrote {path}")
@@ -240,8 +241,8 @@ def _named(source: str) -> tuple[str, Path]:
 
 
 def _on_arm(subjects: Sequence[Subject]) -> dict[str, dict[str, ArmRow]]:
-    from train.arm_evaluation import COMMANDS, evaluate_on_arm
-    from train.evaluate import commands_of
+    from train.evaluation.arm import COMMANDS, evaluate_on_arm
+    from train.evaluation.evaluate import commands_of
 
     position = commands_of("spline_acceleration", COMMANDS)
     return {subject.name: evaluate_on_arm(subject, position) for subject in subjects}

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from runtime.errors import InputError
-from train.commands import FAMILIES
+from train.commands.families import FAMILIES
 from train.curriculum import CURRICULA, Model
 
 # These stand here, and not where they are put to use, so that a configuration is judged without loading torch.

@@ -16,7 +16,9 @@ import numba
 import numpy as np
 
 from benchmarks.peers.objective import HORIZON, KNOT, REPLAN, bounded, held_command, move, price_of_change
-from runtime.friction import GRAVITY, FloatArray, Friction
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.physics.law import GRAVITY
 
 ELITE_SHARE = 0.05
 """Share of the candidates to which mean and spread are fitted."""

@@ -18,17 +18,10 @@ import torch
 from pytorch_mppi import MPPI
 from torch import Tensor
 
-from benchmarks.peers.objective import (
-    ACCELERATION,
-    HORIZON,
-    KNOT,
-    REPLAN,
-    bounded,
-    held_command,
-    move,
-    price_of_change,
-)
-from runtime.friction import GRAVITY, FloatArray, Friction
+from benchmarks.peers.objective import ACCELERATION, HORIZON, KNOT, REPLAN, bounded, held_command, move, price_of_change
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.physics.law import GRAVITY
 
 TEMPERATURE = 1e-5
 """What a price is divided by in a candidate's weight exp(-price/temperature), in the prices' own unit."""

@@ -11,7 +11,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from runtime.friction import DT, FloatArray, slide_step
+from runtime.documents.checks import FloatArray
+from runtime.physics.law import DT, slide_step
 
 KNOT = 10
 """Samples for which an acceleration is constant."""

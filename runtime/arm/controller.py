@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.documents import FloatArray
-from runtime.friction import DT
+from runtime.documents.checks import FloatArray
+from runtime.physics.law import DT
 
 K_P = np.array([800.0, 800.0, 800.0, 1000.0, 1000.0, 1000.0])
 """Stiffness of position and attitude (1/s^2), Section V-A."""

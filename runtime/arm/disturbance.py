@@ -12,7 +12,8 @@ from runtime.arm.interface import Measured
 from runtime.arm.run import Hook
 from runtime.arm.simulation import SimulatedArm
 from runtime.errors import InputError
-from runtime.friction import DT, MAX_COEFFICIENT
+from runtime.friction import MAX_COEFFICIENT
+from runtime.physics.law import DT
 
 PUSH_DURATION = 0.05
 """Time for which a push lasts (s)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple, Protocol
 
-from runtime.documents import FloatArray
+from runtime.documents.checks import FloatArray
 
 
 class PanCommand(NamedTuple):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from runtime.documents import FloatArray
-from runtime.friction import DT, Friction, integrate_pan, rollout
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
 from runtime.limits import NO_LIMITS
+from runtime.physics.law import DT, rollout
+from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
 from runtime.quality import Record, assess
 

@@ -18,13 +18,13 @@ from runtime.arm.results import Results, judge, measured_track
 from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera, check_ffmpeg, check_film, filming
-from runtime.documents import check_writable, reading
+from runtime.client.stream import RemoteStream
+from runtime.documents.files import check_writable, reading
 from runtime.errors import InputError
-from runtime.friction import DT
+from runtime.physics.law import DT
 from runtime.plan import Plan
 from runtime.planner import Planner
-from runtime.remote import RemoteStream
-from runtime.report import write_report
+from runtime.report.report import write_report
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ import numpy as np
 
 from runtime.arm.interface import ObjectStatus
 from runtime.arm.run import Recording
-from runtime.documents import FloatArray
-from runtime.friction import DT, Friction, rollout
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.physics.law import DT, rollout
 from runtime.plan import Plan, tracking_error
-from runtime.report import Track
+from runtime.report.report import Track
 
 MM = 1e3
 """Millimetres in a metre."""

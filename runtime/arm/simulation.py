@@ -25,9 +25,9 @@ from runtime.arm.controller import (
 )
 from runtime.arm.interface import Measured, ObjectStatus, PanCommand
 from runtime.arm.urdf import ARM_URDF
-from runtime.documents import FloatArray
+from runtime.documents.checks import FloatArray
 from runtime.errors import InputError, MissingExtraError
-from runtime.friction import DT, GRAVITY
+from runtime.physics.law import DT, GRAVITY
 
 SUBSTEPS = 4
 """Steps of the physics engine in one sample."""

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from runtime.arm.interface import Measured
 from runtime.arm.run import Hook
 from runtime.arm.simulation import SimulatedArm
-from runtime.documents import FloatArray
+from runtime.documents.checks import FloatArray
 from runtime.errors import MissingExtraError, OutputError
-from runtime.friction import DT
+from runtime.physics.law import DT
 
 Image = NDArray[np.uint8]
 

@@ -2,7 +2,7 @@
 
 import { curlOf, requestInfo, requestPlan } from "./api.js";
 import { $, element, number, swatch } from "./dom.js";
-import { listenToPen } from "./draw.js";
+import { listenToPen } from "./pen.js";
 import { EXAMPLES } from "./examples.js";
 import { motionOf } from "./motion.js";
 import { DT, commandAlong, commandDocument } from "./path.js";
@@ -10,7 +10,7 @@ import { Player } from "./player.js";
 import { Plots } from "./plots.js";
 import { showQuality } from "./quality.js";
 import { Stage } from "./stage.js";
-import { copyCurl, saveFile } from "./take.js";
+import { copyCurl, saveFile } from "./download.js";
 
 const REACH = 0.15;  // m from the start of a path, unless the server's model was trained on another
 const LONG = 1.5;  // s, the same for its duration

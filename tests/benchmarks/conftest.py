@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from export.onnx_export import OPSET, decoder_step_graph, encoder_graph
-from runtime.bundle import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest
-from runtime.friction import DT, Friction
-from train.model import Seq2Seq
+from export.float_graphs import decoder_step_graph, encoder_graph
+from export.graph_builder import OPSET
+from runtime.friction import Friction
+from runtime.network.manifest import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest
+from runtime.physics.law import DT
+from train.network.model import Seq2Seq
 
 UNITS = 8
 ACCELERATION_BOUND = 30.0

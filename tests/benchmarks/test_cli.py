@@ -9,9 +9,13 @@ from typing import Any
 
 import pytest
 
-from benchmarks import accuracy, cli, control, endurance, large, refinement, speed, training
-from benchmarks.suite import FRICTION_GRID
-from benchmarks.targets import TARGETS, Target, judge
+from benchmarks import cli
+from benchmarks.harness.targets import TARGETS, Target, judge
+from benchmarks.peers import large
+from benchmarks.sections import accuracy, control, speed, training
+from benchmarks.sections import long as endurance
+from benchmarks.sections import refine as refinement
+from benchmarks.suite.families import FRICTION_GRID
 from train.config import CONFIGURATIONS
 
 FIGURES = {
@@ -71,7 +75,7 @@ def bench(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 
 def ask(monkeypatch: pytest.MonkeyPatch, limit: float) -> None:
     target = Target("accuracy.families.spline.tracking_mean", "spline, mean RMSE", "mm", "<=", limit, "{:.2f}", 1e3)
-    monkeypatch.setattr("benchmarks.targets.TARGETS", (target,))
+    monkeypatch.setattr("benchmarks.harness.targets.TARGETS", (target,))
 
 
 def test_accuracy_as_json_is_one_object_with_every_family(

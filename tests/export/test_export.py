@@ -10,20 +10,21 @@ import onnx
 import pytest
 import torch
 
-from export import bundle as bundle_module
-from export.bundle import export_bundle, training_command
+from export import write_bundle as bundle_module
 from export.cli import export_main
+from export.float_graphs import decoder_step_graph, encoder_graph
 from export.integer_graphs import _integers
-from export.onnx_export import decoder_step_graph, encoder_graph
 from export.quantize import QuantizationError, quantize_bundle
 from export.verify import VerificationError, compare
+from export.write_bundle import export_bundle, training_command
 from runtime import Planner
-from runtime.bundle import Bundle
 from runtime.errors import FormatError, OutputError
 from runtime.limits import NO_LIMITS
+from runtime.network.bundle import Bundle
 from train.config import load_config
-from train.evaluate import commands_of
-from train.trainer import Trainer, load_checkpoint, load_model
+from train.evaluation.evaluate import commands_of
+from train.learn.trainer import Trainer
+from train.network.checkpoint import load_checkpoint, load_model
 
 OPERATORS = {
     "Add", "Concat", "Div", "Gemm", "LSTM", "Mul", "ReduceSum", "Reshape", "Split", "Sqrt", "Squeeze", "Tanh",

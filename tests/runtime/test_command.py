@@ -271,7 +271,7 @@ def test_unreadable_path_is_one_clear_error(tmp_path: Path) -> None:
 
 def test_packed_npz_that_unpacks_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.savez_compressed(tmp_path / "bomb.npz", dt=0.001, position=np.zeros((200_000, 2)))
-    monkeypatch.setattr("runtime.documents.MAX_FILE_BYTES", 1 << 20)
+    monkeypatch.setattr("runtime.documents.files.MAX_FILE_BYTES", 1 << 20)
     with pytest.raises(FormatError, match="unpack to more than 1 MiB"):
         Command.load(tmp_path / "bomb.npz")
     (tmp_path / "large.csv").write_bytes(b"x" * ((1 << 20) + 1))

@@ -21,10 +21,10 @@ MAY_IMPORT = {
 }
 RUNTIME_THIRD_PARTY = {"numpy", "onnxruntime"}
 MORE_IN = {
-    "runtime/cli.py": {"typer", "rich"},
+    "runtime/cli": {"typer", "rich"},
     "runtime/arm": {"pybullet", "imageio_ffmpeg"},
-    "runtime/remote.py": {"websockets"},
-    "runtime/compiled.py": {"numba"},
+    "runtime/client": {"websockets", "httpx"},
+    "runtime/physics/compiled.py": {"numba"},
 }
 """What single modules or folders of runtime may import besides."""
 
@@ -111,7 +111,7 @@ def test_the_arm_is_imported_without_pybullet_until_it_is_used() -> None:
         [
             "import sys",
             *(f"import runtime.arm.{name}" for name in names),
-            "import runtime.cli",
+            "import runtime.cli.plan, runtime.cli.run, runtime.cli.info",
             "print([name for name in ('pybullet', 'imageio_ffmpeg', 'rich') if name in sys.modules])",
         ]
     )

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from runtime import FormatError, Friction, OutputError, Plan, Quality, Status
-from runtime.friction import DT, GRAVITY
 from runtime.limits import NO_LIMITS, UNITS, Limits
+from runtime.physics.law import DT, GRAVITY
 from runtime.plan import PLAN_FORMAT
 from runtime.quality import FRICTION_STEP, Changes, FrictionRange, Record, assess, friction_range
 

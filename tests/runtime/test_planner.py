@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Status
-from runtime.decoding import UNREAD
-from runtime.friction import BATCHED_FROM, compile_law, integrate_pan, rollout
 from runtime.limits import NO_LIMITS
+from runtime.network.reader import Window
+from runtime.physics.law import BATCHED_FROM, compile_law, rollout
+from runtime.physics.pan import integrate_pan
 
 Curve = Callable[..., NDArray[np.float64]]
 MakeBundle = Callable[..., Path]
@@ -99,7 +100,7 @@ def test_planning_does_not_depend_on_where_the_command_starts(planner: Planner, 
 
 def test_long_command_is_planned_by_windows_as_its_parts_are(planner: Planner, make_curve: Curve) -> None:
     # The tiny bundle is said to be trained on 1500 samples, and the second window begins before they are planned.
-    second = 1500 - 100 * UNREAD
+    second = 1500 - 100 * Window().unread
     position = make_curve(4000)
     plan = planner.plan(position)
     first = planner.plan(position[:1500])

@@ -54,7 +54,7 @@ def streamed(planner: Planner) -> dict[str, np.ndarray]:
         pan_seen = None if n in (4, 13) else pan + rng.normal(0.0, 1e-3, pan.shape)
         object_seen = None if n in (6, 13, 14, 15) else sliding + rng.normal(0.0, 1e-3, sliding.shape)
         if n == 11:
-            pan_seen = pan + (0.19, 0.0, 1.0, 0.0)
+            pan_seen = pan + np.array([0.19, 0.0, 1.0, 0.0])
         if n == 7 and pan_seen is not None:
             pan_seen = pan_seen[-1]
         if n == 18:

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from runtime import BundleError, ConcurrentUseError, Friction, InputError, Limits, Planner, Start, Stream, StreamStatus
-from runtime.friction import DT, integrate_pan, rollout
 from runtime.limits import NO_LIMITS
+from runtime.network.bundle import Bundle
+from runtime.physics.law import DT, rollout
+from runtime.physics.pan import integrate_pan
 
 Array = NDArray[np.float64]
 Curve = Callable[..., Array]
@@ -162,7 +164,7 @@ def test_network_that_fails_is_braked_and_raises_nothing(
     def fail(*_: Any) -> None:
         raise BundleError("no finite number")
 
-    monkeypatch.setattr("runtime.stream.decode_step", fail)
+    monkeypatch.setattr(Bundle, "decode_step", fail)
     for _ in range(2):
         plant.move(stream.step(*plant.seen()))
         assert stream.status is StreamStatus.BRAKING

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Route, expect, sync_playwright
 
-from benchmarks.screenshots import ARGUMENTS, PATIENCE, chromium
+from benchmarks.pictures.screenshots import ARGUMENTS, PATIENCE, chromium
 from runtime import Command, Plan
 
 CHROMIUM = chromium()

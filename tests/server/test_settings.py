@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from runtime.client.client import Client
 from server.cli import serve_main
-from server.client import Client
 from server.settings import Settings
 
 

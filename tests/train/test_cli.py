@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from runtime.bundle import SHIPPED
+from runtime.network.bundle import SHIPPED
 from train.cli import _named
 
 

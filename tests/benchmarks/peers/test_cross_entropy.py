@@ -9,11 +9,11 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import measure
-from benchmarks.peers.__main__ import first
 from benchmarks.peers.cross_entropy import CrossEntropy
 from benchmarks.peers.objective import ACCELERATION
-from benchmarks.suite import suite
+from benchmarks.sections.accuracy import measure
+from benchmarks.sections.peers import first
+from benchmarks.suite.suite import suite
 from runtime import Friction
 
 
@@ -60,7 +60,7 @@ def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
         "1",
     ]
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.peers", *map(str, arguments), "--json"],
+        [sys.executable, "-m", "benchmarks.sections.peers", *map(str, arguments), "--json"],
         capture_output=True,
         text=True,
         check=False,

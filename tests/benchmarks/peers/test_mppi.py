@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.accuracy import measure
-from benchmarks.peers.__main__ import first
 from benchmarks.peers.mppi import PathIntegral
 from benchmarks.peers.objective import ACCELERATION
-from benchmarks.suite import suite
+from benchmarks.sections.accuracy import measure
+from benchmarks.sections.peers import first
+from benchmarks.suite.suite import suite
 from runtime import Friction
 
 

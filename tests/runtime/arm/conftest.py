@@ -11,7 +11,7 @@ import pytest
 
 from runtime import Friction, Plan
 from runtime.arm.motion import plan_of_motion
-from runtime.cli import run_main
+from runtime.cli.run import run_main
 
 SlideRun = Callable[..., tuple[int, str, str]]
 

@@ -18,8 +18,8 @@ from runtime.arm.controller import (
     control,
     rotation_vector,
 )
-from runtime.documents import FloatArray
-from runtime.friction import DT
+from runtime.documents.checks import FloatArray
+from runtime.physics.law import DT
 
 WIDE = JointLimits(np.full(6, 1e6), np.full(6, 1e6))
 STILL = TaskCommand(np.zeros(3), np.eye(3), np.zeros(6), np.zeros(6))

@@ -16,7 +16,7 @@ from runtime import Friction, Plan, Planner
 from runtime.arm import program
 from runtime.arm.motion import plan_of_motion
 from runtime.arm.run import Recording
-from runtime.documents import FloatArray
+from runtime.documents.checks import FloatArray
 
 from .conftest import SlideRun, save_shake
 

@@ -14,10 +14,12 @@ from runtime import Friction, InputError, Plan, Planner
 from runtime.arm.geometry import PAN_RADIUS
 from runtime.arm.interface import Measured, ObjectStatus, PanCommand
 from runtime.arm.results import PLAN_ARRAYS, judge, measured_track
-from runtime.arm.run import REST, SAFE_RADIUS, brake, check_plan, closed_loop, execute, open_loop
-from runtime.documents import FloatArray
-from runtime.friction import DT, integrate_pan, rollout
-from runtime.report import render_report
+from runtime.arm.run import check_plan, closed_loop, execute, open_loop
+from runtime.arm.tail import REST, SAFE_RADIUS, brake
+from runtime.documents.checks import FloatArray
+from runtime.physics.law import DT, rollout
+from runtime.physics.pan import integrate_pan
+from runtime.report.report import render_report
 
 
 class IdealArm:

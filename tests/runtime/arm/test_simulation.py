@@ -1,4 +1,4 @@
-"""The issue of pybullet's physics: each figure asked for, over a few runs; `python -m benchmarks.arm` takes more."""
+"""The arm in pybullet keeps to its figures, over a few runs; `python -m benchmarks.sections.arm` takes more."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
 
-from benchmarks.arm import (
+from benchmarks.sections.arm import (
     FRICTION,
     Figure,
     frame_time,
@@ -21,13 +21,13 @@ from benchmarks.arm import (
     run_plan,
     stick_slip_plan,
 )
-from benchmarks.suite import spline
+from benchmarks.suite.families import spline
 from runtime import Friction, Plan, Planner
 from runtime.arm.interface import ObjectStatus, PanCommand
 from runtime.arm.results import PLAN_ARRAYS
 from runtime.arm.run import execute, open_loop
 from runtime.arm.simulation import NOISE_WINDOW, Simulated, SimulatedArm
-from runtime.friction import integrate_pan
+from runtime.physics.pan import integrate_pan
 from runtime.planner import DEFAULT_BUNDLE
 
 SEEDS = (0, 1, 2)

@@ -7,7 +7,7 @@ import pytest
 
 from runtime.arm import geometry as g
 from runtime.arm.urdf import ARM_URDF, arm_urdf
-from runtime.report import OBJECT_RADIUS, PAN_RADIUS
+from runtime.report.report import OBJECT_RADIUS, PAN_RADIUS
 
 
 def test_the_urdf_is_what_the_geometry_says() -> None:

@@ -1,0 +1,1 @@
+"""How sections are measured, judged and printed."""

@@ -1,0 +1,54 @@
+"""A network of the paper's size, for its speed alone: drawn weights, 8-bit, as `slide-export` would write it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from benchmarks.peers.torch_eager import untrained_model
+from export.float_graphs import decoder_step_graph, encoder_graph
+from export.graph_builder import OPSET
+from export.quantize import integer_graphs
+from export.write_bundle import write_graph, write_manifest
+from runtime.friction import Friction
+from runtime.network.manifest import DECODER_STEP, ENCODER, GraphFile, Manifest
+from runtime.physics.law import DT
+
+UNITS = 1024
+
+GAIN = 40.0
+"""By which the drawn output weights are multiplied, so that the object slides as under a trained network."""
+
+
+def write_large(folder: Path) -> Path:
+    """Write the bundle into an empty folder, and return it."""
+    nothing = GraphFile("none", "0" * 64)
+    manifest = Manifest(
+        name="large",
+        precision="int8",
+        opset=OPSET,
+        graphs={ENCODER: nothing, DECODER_STEP: nothing},
+        chunk=100,
+        dt=DT,
+        layers=2,
+        units=UNITS,
+        command_ahead=2,
+        acceleration_bound=30.0,
+        friction=Friction(),
+        pan_limit=0.2,
+        trained_on={
+            "static": (0.4, 1.5), "kinetic": (0.2, 0.8), "reach": (0.0, 0.15), "speed": (0.0, 0.7),
+            "samples": (300.0, 1500.0),
+        },
+        training={},
+        evaluation={},
+    )  # fmt: skip
+    model = untrained_model(manifest)
+    with torch.no_grad():
+        model.output.weight *= GAIN
+    graphs = {ENCODER: encoder_graph(model), DECODER_STEP: decoder_step_graph(model)}
+    integer = integer_graphs(graphs, manifest)
+    files = {name: write_graph(folder, f"{name}.onnx", graph) for name, graph in integer.items()}
+    write_manifest(folder, Manifest(**{**vars(manifest), "graphs": files}))
+    return folder

@@ -1,0 +1,198 @@
+"""What lasts: commands far longer than any that was trained on, and a closed loop that is disturbed."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.suite.families import long
+from runtime.command import Command
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.network import reader
+from runtime.network.decode import Job, decode
+from runtime.physics.law import DT, rollout
+from runtime.physics.pan import integrate_pan
+from runtime.planner import Planner
+from runtime.start import Start
+
+FAMILIES = ("drawings", "spline_position", "loops")
+
+SECONDS = 60.0
+COMMANDS = 6
+"""Commands of each family, and their length (s)."""
+
+PIECE = 1200
+"""Samples of a piece of a long command, whose RMSE is held against that of short commands of as many."""
+
+SHORT = 48
+"""Short commands of each family."""
+
+WINDOWS = (
+    reader.Window(),
+    reader.Window(unread=3),
+    reader.Window(unread=10),
+    reader.Window(12, 6),
+    reader.Window(10, 5),
+)
+"""Windows tried: chunks read at once (None: as many as were trained on), and chunks of them planned again. The first
+is what ships."""
+
+NOISE = (0.001, 0.001, 0.01, 0.01)
+"""Standard deviation of measured positions (m) and velocities (m/s)."""
+
+ACTUAL = Friction(0.9, 0.45)
+"""The plant's friction from FRICTION_STEP on; the planner is not told."""
+
+FRICTION_STEP, PUSHED, ALLOWED = 4, 8, 3
+"""Chunks after which the friction changes and the object is pushed, and within which the error must be back."""
+
+PUSH = 0.02
+"""By which the object is pushed (m)."""
+
+SEEDS = 3
+
+
+@dataclass(frozen=True)
+class Window:
+    """One way to plan long commands.
+
+    Attributes:
+        chunks: read at once; None for as many as were trained on.
+        unread: chunks of these that are planned again with the next window.
+        families: mean tracking RMSE of the pieces (m), by family.
+        ratio: that over the mean of short commands, in the family where it is largest.
+    """
+
+    chunks: int | None
+    unread: int
+    families: Mapping[str, float]
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """A disturbed loop, command by command, the suite's `long`.
+
+    Attributes:
+        nominal: mean tracking RMSE of a chunk without noise, friction step and push (m).
+        noisy: the same with noise only (m).
+        after: mean tracking RMSE of the chunk that ends ALLOWED chunks after the push, with all three (m).
+        ratio: `after` over `nominal`.
+        recovered: share of the runs whose error was under twice the nominal one in one of these chunks.
+    """
+
+    nominal: float
+    noisy: float
+    after: float
+    ratio: float
+    recovered: float
+
+
+@dataclass(frozen=True)
+class Endurance:
+    """Everything this section measures.
+
+    Attributes:
+        seconds: length of the long commands (s).
+        short: mean tracking RMSE of short commands (m), by family.
+        windows: the windows tried, the shipped one first.
+        memory_third, memory: most memory taken while a third of a long command is planned, and all of it (bytes).
+        recovery: of the closed loop.
+    """
+
+    seconds: float
+    short: Mapping[str, float]
+    windows: Sequence[Window]
+    memory_third: float
+    memory: float
+    recovery: Recovery
+
+
+def measure(planner: Planner) -> Endurance:
+    """Measure one bundle."""
+    commands = {name: _commands(name, COMMANDS, round(SECONDS / DT)) for name in FAMILIES}
+    short = {
+        name: float(np.mean([_rmse(planner, position) for position in _commands(name, SHORT, PIECE)]))
+        for name in FAMILIES
+    }
+    windows = []
+    for tried in WINDOWS:
+        errors = {name: float(np.mean([_pieces(planner, each, tried) for each in commands[name]])) for name in FAMILIES}
+        windows.append(Window(*tried, errors, max(errors[name] / short[name] for name in FAMILIES)))
+    position = commands[FAMILIES[0]][0]
+    return Endurance(
+        SECONDS, short, windows, _memory(planner, position[: len(position) // 3]), _memory(planner, position),
+        measure_recovery(planner),
+    )  # fmt: skip
+
+
+def _commands(family: str, count: int, samples: int) -> FloatArray:
+    """Draw commands (count, samples, 2) of a family of the training, which none of it has drawn."""
+    from train.commands.families import free_commands
+    from train.evaluation.evaluate import REACH, SPEED
+
+    rng = np.random.default_rng([1, samples])
+    return free_commands(rng, count, samples, {family: 1.0}, REACH, SPEED, 1).position
+
+
+def _rmse(planner: Planner, position: FloatArray) -> float:
+    return planner.plan(position).quality.tracking_rmse
+
+
+def _pieces(planner: Planner, position: FloatArray, window: reader.Window) -> float:
+    """Return the mean RMSE (m) of the pieces of a command that is planned in one call."""
+    manifest = planner.bundle.manifest
+    job = Job(Command(position), manifest.friction, manifest.limits, Start())
+    error = decode(planner.bundle, [job], window).sliding[0, : len(position), :2] - position
+    squared = (error * error).sum(axis=1)[: len(error) // PIECE * PIECE]
+    return float(np.sqrt(squared.reshape(-1, PIECE).mean(axis=1)).mean())
+
+
+def _memory(planner: Planner, position: FloatArray) -> float:
+    """Return the most memory (bytes) that planning a command takes besides what is loaded, the plan included."""
+    tracemalloc.start()
+    try:
+        planner.plan(position)
+        return float(tracemalloc.get_traced_memory()[1])
+    finally:
+        tracemalloc.stop()
+
+
+def measure_recovery(planner: Planner) -> Recovery:
+    """Follow commands undisturbed, under noise, and under noise, a step of the friction and a push."""
+    positions = [position for position in long().positions for _ in range(SEEDS)]
+    runs = [
+        [follow(planner, position, seed, noise, disturbed) for seed, position in enumerate(positions)]
+        for noise, disturbed in ((False, False), (True, False), (True, True))
+    ]
+    nominal, noisy, disturbed = (np.array(run) for run in runs)
+    usual = float(nominal.mean())
+    back = disturbed[:, PUSHED : PUSHED + ALLOWED]
+    after = float(back[:, -1].mean())
+    return Recovery(usual, float(noisy.mean()), after, after / usual, float(np.mean(back.min(axis=1) <= 2.0 * usual)))
+
+
+def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, disturbed: bool) -> FloatArray:
+    """Follow a command in closed loop with the law; returns the tracking RMSE of each chunk (m)."""
+    rng = np.random.default_rng(seed)
+    chunk, friction = planner.bundle.manifest.chunk, planner.bundle.manifest.friction
+    spread = np.array(NOISE) * float(noise)
+    pan, sliding, states = np.zeros(4), np.array([*position[0], 0.0, 0.0]), (None, None)
+    stream, errors = planner.stream(position), []
+    for count in range(len(position) // chunk):
+        u = stream.step(*states)
+        pans = integrate_pan(pan, u)
+        slidings = rollout(sliding, u, ACTUAL if disturbed and count >= FRICTION_STEP else friction)
+        commanded = position[np.minimum(np.arange(count * chunk + 1, (count + 1) * chunk + 1), len(position) - 1)]
+        errors.append(np.sqrt(((slidings[:, :2] - commanded) ** 2).sum(axis=1).mean()))
+        if disturbed and count == PUSHED - 1:
+            angle = rng.uniform(0.0, 2.0 * np.pi)
+            slidings[-1, :2] += PUSH * np.array([np.cos(angle), np.sin(angle)])
+        pan, sliding = pans[-1], slidings[-1]
+        drawn = rng.standard_normal((2, chunk, 4)) * spread
+        states = pans + drawn[0], slidings + drawn[1]
+    return np.array(errors)

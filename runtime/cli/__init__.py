@@ -1,0 +1,1 @@
+"""The programs `slide-plan`, `slide-run` and `slide-info`."""

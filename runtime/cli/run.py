@@ -1,0 +1,139 @@
+"""`slide-run`: replay a plan on the law of friction, or execute it on a simulated arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from runtime.arm.options import ArmOptions
+from runtime.cli.console import INTERRUPTED, MM, AsJson, print_json, print_table, run, say
+from runtime.cli.options import Kinetic, Static, chosen_friction, conclude, reach_of_limit
+from runtime.documents.files import check_writable
+from runtime.errors import InputError
+from runtime.plan import Plan, tracking_error
+from runtime.report.report import Track, write_report
+
+
+def run_main() -> None:
+    """Entry point of `slide-run`."""
+    run("slide-run", slide_run)
+
+
+def slide_run(
+    plan_file: Annotated[Path, typer.Argument(help="Plan: .json or .npz.", show_default=False)],
+    static: Static = None,
+    kinetic: Kinetic = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Page to write, with the motion animated.", metavar="HTML")
+    ] = None,
+    pybullet: Annotated[
+        bool, typer.Option("--pybullet", help="Execute on a simulated arm; what follows is for it.")
+    ] = False,
+    closed_loop: Annotated[bool, typer.Option("--closed-loop", help="Decode again with what is measured.")] = False,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Bundle for it: a folder, or a shipped one.", metavar="DIR")
+    ] = None,
+    server: Annotated[
+        str | None, typer.Option("--server", help="Closed loop through this server instead.", metavar="URL")
+    ] = None,
+    paper_control: Annotated[
+        bool, typer.Option("--paper-control", help="Control without feed-forward and gravity terms.")
+    ] = False,
+    gui: Annotated[bool, typer.Option("--gui", help="Open the simulator's window.")] = False,
+    video: Annotated[Path | None, typer.Option("--video", help="Film to write.", metavar="MP4")] = None,
+    friction: Annotated[
+        float | None, typer.Option("--friction", help="Friction in the simulator; 0.5 if not given.", metavar="MU")
+    ] = None,
+    object_mass: Annotated[
+        float | None, typer.Option("--object-mass", help="Mass of the object; 0.1 kg if not given.", metavar="KG")
+    ] = None,
+    noise: Annotated[
+        float | None, typer.Option("--noise", help="Spread of the measured object position (m).", metavar="M")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed of the noise.")] = None,
+    disturb: Annotated[
+        list[str] | None,
+        typer.Option("--disturb", help="push@T=FX,FY (N) or friction@T=MU; may be repeated.", metavar="WHAT"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Replay a plan on the law of friction, maybe under another friction, or execute it on a simulated arm."""
+    arm = ArmOptions(
+        closed_loop, model, server, paper_control, gui, video, friction, object_mass, noise, seed, tuple(disturb or ())
+    )
+    if pybullet:
+        if static is not None or kinetic is not None:
+            raise InputError("--static and --kinetic are of the replay: give --friction with --pybullet")
+        _run_on_arm(plan_file, arm, report, as_json)
+    else:
+        arm.refuse_without_pybullet()
+        _replay(plan_file, static, kinetic, report, as_json)
+
+
+def _run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, as_json: bool) -> None:
+    from runtime.arm.program import run_on_arm
+
+    outcome = run_on_arm(plan_file, options, report)
+    for remark in outcome.remarks:
+        say("slide-run", f"note: {remark}")
+    if as_json:
+        print_json(outcome.document)
+    elif outcome.results is not None:
+        written = [(name, str(path)) for name, path in (("video", options.video), ("report", report)) if path]
+        print_table(f"{plan_file} on the simulated arm, {outcome.document['loop']}", [*outcome.results.rows, *written])
+    if outcome.interrupted:
+        say("slide-run", "interrupted; what was recorded until then is kept")
+        raise typer.Exit(INTERRUPTED)
+    conclude("slide-run", outcome.plan, outcome.notes)
+
+
+def _replay(plan_file: Path, static: float | None, kinetic: float | None, report: Path | None, as_json: bool) -> None:
+    """Replay a plan on the law of friction, maybe under another friction than it was made for."""
+    if report is not None:
+        check_writable(report)
+    plan = Plan.load(plan_file)
+    friction = chosen_friction(plan.friction, static, kinetic)
+    states = plan.replay(friction)
+    position, velocity = states[:, :2], states[:, 2:]
+    rmse, worst = tracking_error(position, plan.command_position)
+    distance_at_end = float(np.hypot(*(position[-1] - plan.command_position[-1])))
+    _, difference = tracking_error(position, plan.object_position)
+    sliding_share = float(np.mean(velocity.any(axis=1)))
+
+    if report is not None:
+        name = f"friction {friction.static:g}/{friction.kinetic:g}"
+        tracks = [] if friction == plan.friction else [Track(name, position, velocity, plan.pan_position)]
+        write_report(report, plan, tracks)
+    if as_json:
+        print_json(
+            {
+                "plan": str(plan_file),
+                "friction": {"static": friction.static, "kinetic": friction.kinetic},
+                "samples": len(plan),
+                "tracking_rmse": rmse,
+                "tracking_max": worst,
+                "distance_at_end": distance_at_end,
+                "difference_to_plan": difference,
+                "pan_reach": plan.quality.pan_reach,
+                "sliding_share": sliding_share,
+                "status": plan.quality.status.value,
+                "report": None if report is None else str(report),
+            }
+        )
+    else:
+        rows = [
+            ("friction, static/kinetic", f"{friction.static:g}/{friction.kinetic:g}"),
+            ("tracking RMSE", f"{rmse * MM:.2f} mm"),
+            ("tracking maximum", f"{worst * MM:.2f} mm"),
+            ("object to command at the end", f"{distance_at_end * MM:.2f} mm"),
+            ("largest difference to the plan", f"{difference * MM:.2f} mm"),
+            ("pan reach", reach_of_limit(plan)),
+            ("share of time sliding", f"{sliding_share:.1%}"),
+        ]
+        if report is not None:
+            rows.append(("report", str(report)))
+        print_table(f"{plan_file} on the law of friction", rows)
+    conclude("slide-run", plan)

@@ -1,0 +1,190 @@
+"""A stream that is decoded by a server, for a controller that does not: as `runtime.Stream`, over `WS /stream`."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_step, unpack_chunk
+from runtime.documents.checks import FloatArray, fields, table
+from runtime.documents.files import parse_json
+from runtime.errors import InputError, MissingExtraError, ServerError
+from runtime.friction import Friction
+from runtime.limits import Limits
+from runtime.physics.law import DT
+from runtime.start import Start
+from runtime.stream import StreamStatus
+
+MAX_MESSAGE = 1 << 24
+"""Largest message taken from a server (bytes): a chunk and its stop are far below."""
+
+
+class RemoteStream:
+    """One command followed chunk by chunk with a server's network; a context manager, for one thread.
+
+    Args:
+        url: of the server, as in http://127.0.0.1:8000.
+        position: (K, 2) where the object should be, relative to the pan (m), at 1 kHz.
+        friction, limits, start: as for `Planner.stream`; the server's if None.
+        token: the server's bearer token, if it wants one.
+        packed: send float32, which is less and rounded, instead of JSON.
+        timeout: longest wait for an answer (s).
+
+    Attributes:
+        chunk: samples in a chunk, C.
+        model: name and sha256 of the server's bundle.
+        last: the chunk given last, with the stop from its end; None before the first.
+
+    Raises:
+        ServerError: the server cannot be reached, or refuses; what it says is passed on.
+        MissingExtraError: websockets is not installed.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        position: ArrayLike,
+        friction: Friction | None = None,
+        *,
+        limits: Limits | None = None,
+        start: Start | None = None,
+        token: str | None = None,
+        packed: bool = False,
+        timeout: float = 5.0,
+    ) -> None:
+        self._url, self._packed, self._timeout = url, packed, timeout
+        self._sequence = 0
+        self.last: Chunk | None = None
+        opening: dict[str, Any] = {
+            "format": STREAM_FORMAT,
+            "command": {"dt": DT, "position": np.asarray(position, dtype=np.float64).tolist()},
+            "packed": packed,
+        }
+        for name, value in (("friction", friction), ("limits", limits), ("start", start)):
+            if value is not None:
+                opening[name] = {key: item for key, item in vars(value).items() if item is not None}
+        self._stack = ExitStack()
+        self._socket = _connect(url, token, timeout, self._stack)
+        try:
+            opened = fields(self._ask(json.dumps(opening)), "", ("format", "chunk", "dt", "model"))
+        except InputError as error:
+            self.close()
+            raise ServerError(f"{url}: not a stream of ours: {error}") from error
+        except ServerError:
+            self.close()
+            raise
+        self.chunk: int = opened["chunk"]
+        self.model: dict[str, str] = opened["model"]
+
+    def step(
+        self, pan_state: FloatArray | None = None, object_state: FloatArray | None = None, age: float = 0.0
+    ) -> FloatArray:
+        """Give the pan accelerations (C, 2) (m/s^2) for the next C samples; see `Stream.step`.
+
+        Raises:
+            ServerError: the server refuses, is gone, or answers something else.
+        """
+        step = Step(self._sequence, pan_state, object_state, age)
+        try:
+            answer = self._ask(pack_step(step) if self._packed else _step_json(step))
+            chunk = answer if isinstance(answer, Chunk) else _chunk(answer)
+        except InputError as error:
+            raise ServerError(f"{self._url}: not an answer of ours: {error}") from error
+        if chunk.sequence != step.sequence or len(chunk.acceleration) != self.chunk:
+            raise ServerError(f"{self._url}: the answer is not to step {step.sequence}")
+        self._sequence += 1
+        self.last = chunk
+        return chunk.acceleration
+
+    def close(self) -> None:
+        """Hang up."""
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _ask(self, message: str | bytes) -> Any:
+        """Send a message and return what comes back: a Chunk, or a JSON document.
+
+        Raises:
+            ServerError: a problem comes back, or nothing.
+            InputError: what comes back is neither.
+        """
+        from websockets.exceptions import ConnectionClosed
+
+        try:
+            self._socket.send(message)
+            answer = self._socket.recv(timeout=self._timeout)
+        except TimeoutError:
+            raise ServerError(f"{self._url}: no answer within {self._timeout:g} s") from None
+        except (ConnectionClosed, OSError) as error:
+            raise ServerError(f"{self._url}: the connection is lost: {error}") from None
+        if isinstance(answer, bytes):
+            return unpack_chunk(answer)
+        document = parse_json(answer)
+        if isinstance(document, dict) and "type" in document:
+            raise ServerError(f"{self._url}: {said(document)}")
+        return document
+
+
+def said(problem: dict[str, Any]) -> str:
+    """Return in one line what a problem document says."""
+    place = f"{problem['place']}: " if problem.get("place") else ""
+    return f"{problem.get('title')}: {place}{problem.get('detail', '')}".rstrip(": ")
+
+
+def _step_json(step: Step) -> str:
+    message: dict[str, Any] = {"sequence": step.sequence, "age": step.age}
+    for name, state in (("pan", step.pan), ("object", step.object)):
+        if state is not None:
+            message[name] = np.reshape(state, (-1, 4)).tolist()
+    return json.dumps(message, allow_nan=False)
+
+
+def _chunk(document: Any) -> Chunk:
+    parts = fields(document, "", ("sequence", "status", "acceleration", "brake"))
+    if parts["status"] not in tuple(StreamStatus):
+        raise InputError("there is no such status")
+    rows = table(parts["acceleration"], "acceleration"), table(parts["brake"], "brake")
+    return Chunk(parts["sequence"], *rows, StreamStatus(parts["status"]))
+
+
+def _connect(url: str, token: str | None, timeout: float, stack: ExitStack) -> Any:
+    """Return a connection, which the stack closes."""
+    try:
+        from websockets.exceptions import InvalidStatus, WebSocketException
+        from websockets.sync.client import connect
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(f"{error.name} is not installed: pip install 'slide-planner[server]'") from error
+    scheme, separator, rest = url.rstrip("/").partition("://")
+    if not separator or scheme not in ("http", "https"):
+        raise ServerError(f"{url}: the address of a server begins with http:// or https://")
+    headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+    address = f"{'wss' if scheme == 'https' else 'ws'}://{rest}/stream"
+    try:
+        opening = connect(
+            address, additional_headers=headers, open_timeout=timeout, compression=None, max_size=MAX_MESSAGE
+        )
+        return stack.enter_context(opening)
+    except InvalidStatus as error:
+        raise ServerError(f"{url}: {_refusal(error.response)}") from None
+    except (WebSocketException, OSError, ValueError) as error:
+        raise ServerError(f"{url}: cannot be reached: {error}") from None
+
+
+def _refusal(response: Any) -> str:
+    try:
+        document = parse_json(bytes(response.body or b"").decode())
+    except (InputError, UnicodeDecodeError):
+        document = None
+    if isinstance(document, dict) and "title" in document:
+        return said(document)
+    return f"refused with status {response.status_code}"

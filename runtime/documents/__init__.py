@@ -1,0 +1,1 @@
+"""Files and documents of numbers: strict reading, whole-or-nothing writing."""

@@ -1,0 +1,141 @@
+"""Strict checks of what was written by somebody else: numbers, texts, columns and tables, each named by its place."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+def fields(value: object, where: str, names: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
+    """Check that a value is an object with exactly these keys.
+
+    Args:
+        value: the parsed value.
+        where: its key in the document, "" for the document itself.
+        names: the keys it must have.
+        optional: the keys it may have.
+
+    Raises:
+        InputError: not an object, a key is missing, or a key is unknown.
+    """
+    place = f"{where}: " if where else ""
+    if not isinstance(value, Mapping):
+        raise InputError(f"{place}must be an object with the keys {', '.join(names)}, got {reprlib.repr(value)}")
+    for name in names:
+        if name not in value:
+            raise InputError(f"{place}missing key {name!r}")
+    for name in value:
+        if name not in names and name not in optional:
+            raise InputError(f"{place}unknown key {reprlib.repr(name)}")
+    return value
+
+
+def check_format(value: object, expected: str) -> None:
+    """Check the `format` of a document, before anything else of it is looked at.
+
+    Raises:
+        InputError: not an object, or of another format or version.
+    """
+    found = value.get("format") if isinstance(value, Mapping) else None
+    if not isinstance(found, str) or found != expected:
+        raise InputError(f"format must be {expected!r}, got {reprlib.repr(found)}")
+
+
+def number(value: object, key: str) -> float:
+    """Check that a value is a finite number: not a boolean, not a string, not null.
+
+    Raises:
+        InputError: it is not.
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise InputError(f"{key} must be a number, got {reprlib.repr(value)}")
+    try:
+        result = float(value)
+    except OverflowError:
+        result = math.inf
+    if not math.isfinite(result):
+        raise InputError(f"{key}: {reprlib.repr(value)} is not a finite number")
+    return result
+
+
+def text(value: object, key: str) -> str:
+    """Check that a value is a line of printable text, which a terminal can be shown.
+
+    Raises:
+        InputError: not a string, or it holds control characters.
+    """
+    if not isinstance(value, str) or not value.isprintable():
+        raise InputError(f"{key} must be printable text, got {reprlib.repr(value)}")
+    return value
+
+
+def column(value: object, key: str) -> FloatArray:
+    """Check that a value is a list of finite numbers.
+
+    Returns:
+        (n,) a fresh array.
+
+    Raises:
+        InputError: another shape, an element that is no finite number; the index is named (from 0).
+    """
+    if not isinstance(value, (np.ndarray, list, tuple)):
+        raise InputError(f"{key} must be a list of numbers, got {reprlib.repr(value)}")
+    if isinstance(value, np.ndarray):
+        _check_dtype(value, key)
+        if value.ndim != 1:
+            raise InputError(f"{key} must have the shape (K,), got {value.shape}")
+        result = value.astype(np.float64)
+    else:
+        result = np.array([number(item, f"{key}[{index}]") for index, item in enumerate(value)], dtype=np.float64)
+    for index in np.flatnonzero(~np.isfinite(result)):
+        raise InputError(f"{key}[{index}]: {result[index]} is not a finite number")
+    return result
+
+
+def table(value: object, key: str) -> FloatArray:
+    """Check that a value is a list of pairs [x, y] of finite numbers.
+
+    Args:
+        value: nested lists or an array (anything with `__array__`).
+        key: its name, for the message.
+
+    Returns:
+        (n, 2) a fresh array.
+
+    Raises:
+        InputError: another shape, ragged, an element that is no finite number; row (from 0) and column are named.
+    """
+    if hasattr(value, "__array__"):
+        value = np.asarray(value)
+        _check_dtype(value, key)
+        if value.ndim != 2 or value.shape[1] != 2:
+            raise InputError(f"{key} must have the shape (K, 2), got {value.shape}")
+        result = value.astype(np.float64)
+    elif isinstance(value, (list, tuple)):
+        items: list[float] = []
+        for index, row in enumerate(value):
+            if not isinstance(row, (list, tuple, np.ndarray)) or len(row) != 2:
+                raise InputError(f"{key}[{index}] must be a pair of numbers [x, y], got {reprlib.repr(row)}")
+            for axis, item in zip("xy", row, strict=True):
+                plain = type(item) is float  # most are: no message is put together for them
+                items.append(item if plain else number(item, f"{key}[{index}], column {axis}"))
+        result = np.array(items, dtype=np.float64).reshape(-1, 2)
+    else:
+        raise InputError(f"{key} must be a list of pairs of numbers [x, y], got {reprlib.repr(value)}")
+    for row, axis in np.argwhere(~np.isfinite(result)):
+        raise InputError(f"{key}[{row}], column {'xy'[axis]}: {result[row, axis]} is not a finite number")
+    return result
+
+
+def _check_dtype(array: NDArray[Any], key: str) -> None:
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{key} must hold numbers, got an array of {array.dtype}")

@@ -1,0 +1,73 @@
+"""Measured states as a controller hands them in: checked, completed, and moved to the present."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from runtime.documents.checks import FloatArray, number
+from runtime.errors import InputError
+from runtime.physics.law import DT
+from runtime.start import FARTHEST
+
+Move = Callable[[FloatArray, FloatArray], FloatArray]
+"""Moves a state (4,) along accelerations (n, 2): the states after each, (n, 4)."""
+
+
+def check_states(value: object, name: str, chunk: int) -> FloatArray | None:
+    """Return measured states as (C, 4) or (4,) float64, None if there are none or one cannot be true.
+
+    What cannot be true is no finite number, or beyond FARTHEST: a sensor's error, which must not end a control loop.
+
+    Raises:
+        InputError: another shape, or no numbers.
+    """
+    if value is None:
+        return None
+    expected = f"{name} must be ({chunk}, 4) numbers, the last states, or (4,), the last one only"
+    try:
+        states: FloatArray = np.asarray(value)
+    except ValueError as error:  # ragged
+        raise InputError(f"{expected}: {error}") from error
+    if states.dtype.kind not in "fiu" or states.shape not in ((chunk, 4), (4,)):
+        raise InputError(f"{expected}, got {states.dtype} of the shape {states.shape}")
+    found = states.astype(np.float64)
+    return found if (np.abs(found) <= FARTHEST).all() else None  # false for what is not a number, too
+
+
+def check_age(age: object) -> int | None:
+    """Return how many samples ago a state was measured, None if it is no age: negative or no finite number.
+
+    Raises:
+        InputError: no number at all.
+    """
+    if isinstance(age, (float, np.floating)) and not math.isfinite(age):
+        return None
+    samples = round(number(age, "age") / DT)
+    return samples if samples >= 0 else None
+
+
+def complete(measured: FloatArray, late: int, predicted: FloatArray, u: FloatArray, move: Move) -> FloatArray:
+    """Return the last C states, from what was measured and what was predicted.
+
+    Args:
+        measured: (C, 4), or (4,), the last state only.
+        late: samples that have passed since the last one, at most C.
+        predicted: (C, 4) by the last prediction.
+        u: (C, 2) what was commanded meanwhile (m/s^2).
+        move: moves a state along accelerations.
+
+    Returns:
+        (C, 4) states. What has passed since is the measured state moved along; where only the last state was
+        measured, the prediction is bent towards it, more and more over the chunk.
+    """
+    chunk = len(predicted)
+    last = measured if measured.ndim == 1 else measured[-1]
+    since = move(last, u[chunk - late :]) if late else last[None]
+    if measured.ndim == 1:
+        share = np.arange(1, chunk + 1)[:, None] / chunk
+        bent: FloatArray = predicted + share * (since[-1] - predicted[-1])
+        return bent
+    return np.concatenate([measured[late:], since])[-chunk:] if late else measured

@@ -1,0 +1,1 @@
+"""The network: bundles, what it sees of a command, and the decode loop."""

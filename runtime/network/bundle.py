@@ -1,0 +1,223 @@
+"""A bundle: the folder that carries a trained network as two ONNX graphs and a manifest that says what they are.
+
+Nothing of a bundle is believed: the manifest is read strictly, each graph's bytes are compared with the manifest's
+sha256 and looked through (`runtime.graph`) before onnxruntime sees them, and what the graphs take and give is compared
+with the manifest's numbers.
+
+The graphs, C samples in a chunk, everything row by row and in SI units (normalization is inside them):
+
+    encoder:       command (B, chunks, 4C)                            -> hidden, cell (layers, B, units)
+    decoder_step:  observation (B, 8C + 4C command_ahead), hidden, cell -> pan_acceleration (B, C, 2), hidden_out,
+                                                                         cell_out
+
+A command chunk is C rows (x, y, vx, vy); an observation is C rows (pan x, y, vx, vy, object x, y, vx, vy) and then
+`command_ahead` command chunks, the first of them the one whose accelerations are about to be produced.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.documents.files import parse_json, read_bytes, read_text
+from runtime.errors import BundleError, InputError
+from runtime.network.manifest import (
+    DECODER_STEP,
+    ENCODER,
+    MANIFEST_FILE,
+    Manifest,
+    _judging,
+)
+from runtime.network.onnx_check import check_graph
+
+# Otherwise onnxruntime keeps an identifier of the machine in the home folder. Whoever wants that sets 0.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
+import onnxruntime
+
+SHIPPED = Path(__file__).parents[1] / "models"
+"""Folder of the bundles that are shipped, which are known by their names too: `default`, in int8, and `fp32`."""
+ENCODER_OUTPUTS = ("hidden", "cell")
+DECODER_STEP_OUTPUTS = ("pan_acceleration", "hidden_out", "cell_out")
+
+Float32Array = NDArray[np.float32]
+
+
+def bundle_path(path: str | PathLike[str]) -> Path:
+    """Return the folder of a bundle: `path` itself, or that of the shipped bundle `path` names if there is no such."""
+    path = Path(path)
+    named = not path.exists() and len(path.parts) == 1 and (SHIPPED / path).is_dir()
+    return SHIPPED / path if named else path
+
+
+class DecoderState(NamedTuple):
+    """What the decoder carries from chunk to chunk: hidden and cell, each (layers, B, units) float32."""
+
+    hidden: Float32Array
+    cell: Float32Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A loaded bundle; its two methods may be called from several threads.
+
+    Attributes:
+        manifest: what the bundle says of itself, checked.
+        sha256: of the manifest's bytes, and so of everything: it carries the hashes of the graphs.
+        sizes: of the graphs (bytes).
+        sessions: of the graphs, by name.
+    """
+
+    manifest: Manifest
+    sha256: str
+    sizes: Mapping[str, int]
+    sessions: Mapping[str, Any]
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], sha256: str | None = None) -> Self:
+        """Load a bundle from its folder.
+
+        Args:
+            path: the folder, or the name of a shipped bundle where there is no such folder.
+            sha256: what the manifest's must be, in hexadecimal; any if None.
+
+        Raises:
+            BundleError: the manifest or a graph is missing, a hash does not fit, a graph has what no graph of ours
+                has (`runtime.graph`), or the graphs are not what the manifest says: names, shapes, or results.
+        """
+        path = bundle_path(path)
+        source = str(path / MANIFEST_FILE)
+        with _judging(source):
+            data = _read(path / MANIFEST_FILE)
+            loaded = hashlib.sha256(data).hexdigest()
+            if sha256 is not None and loaded != sha256:
+                raise BundleError(f"{source}: sha256 is {loaded}, it must be {sha256}")
+            manifest = Manifest.from_dict(parse_json(read_text(data)), source)
+        sizes, sessions = {}, {}
+        for name, graph in manifest.graphs.items():
+            source = str(path / graph.file)
+            with _judging(source):
+                model = _read(path / graph.file)
+            found = hashlib.sha256(model).hexdigest()
+            if found != graph.sha256:
+                raise BundleError(f"{source}: sha256 is {found}, the manifest says {graph.sha256}")
+            with _judging(source):
+                check_graph(model)
+            sizes[name] = len(model)
+            sessions[name] = _session(model, source)
+            _check_inputs_and_outputs(sessions[name], name, manifest, source)
+        bundle = cls(manifest, loaded, sizes, sessions)
+        bundle._try_out(str(path))
+        return bundle
+
+    def encode(self, command: Float32Array) -> DecoderState:
+        """Read commands, (B, chunks, 4C); the decoder starts from the state it leaves."""
+        return DecoderState(*self.sessions[ENCODER].run(ENCODER_OUTPUTS, {"command": command}))
+
+    def decode_step(self, observation: Float32Array, state: DecoderState) -> tuple[Float32Array, DecoderState]:
+        """Produce the next C pan accelerations (B, C, 2) (m/s^2) from the observation, (B, 8C + 4C command_ahead)."""
+        inputs = {"observation": observation, "hidden": state.hidden, "cell": state.cell}
+        acceleration, hidden, cell = self.sessions[DECODER_STEP].run(DECODER_STEP_OUTPUTS, inputs)
+        return acceleration, DecoderState(hidden, cell)
+
+    def _try_out(self, source: str) -> None:
+        """Run both graphs once with two commands of three chunks and look at the shapes that come out.
+
+        Raises:
+            BundleError: a graph fails, or gives another shape than the manifest's numbers ask for.
+        """
+        manifest = self.manifest
+        try:
+            state = self.encode(np.zeros((2, 3, 4 * manifest.chunk), dtype=np.float32))
+            observation = np.zeros((2, _observation_width(manifest)), dtype=np.float32)
+            acceleration, after = self.decode_step(observation, state)
+        except Exception as error:  # onnxruntime's own exceptions share no base class of theirs
+            raise BundleError(f"{source}: a graph does not run: {_first_line(error)}") from error
+        memory = (manifest.layers, 2, manifest.units)
+        expected = {"pan_acceleration": (2, manifest.chunk, 2)} | dict.fromkeys(
+            (*ENCODER_OUTPUTS, "hidden_out", "cell_out"), memory
+        )
+        given = zip((*ENCODER_OUTPUTS, *DECODER_STEP_OUTPUTS), (*state, acceleration, *after), strict=True)
+        for name, array in given:
+            if array.shape != expected[name]:
+                raise BundleError(f"{source}: output {name} has the shape {array.shape}, must be {expected[name]}")
+
+
+def _read(path: Path) -> bytes:
+    """Read a file of a bundle.
+
+    Raises:
+        InputError: it cannot be read, or is a pipe or a device, which might never end.
+    """
+    if path.exists() and not path.is_file():
+        raise InputError("cannot be read: is no file")
+    return read_bytes(path)
+
+
+def _observation_width(manifest: Manifest) -> int:
+    return (8 + 4 * manifest.command_ahead) * manifest.chunk
+
+
+def _session(model: bytes, source: str) -> Any:
+    """Open a graph for one thread that never spins: spinning costs 2-3 times as soon as anything else runs.
+
+    Raises:
+        BundleError: onnxruntime does not understand the bytes.
+    """
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.add_session_config_entry("session.inter_op.allow_spinning", "0")
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+    options.log_severity_level = 4  # fatal only: what goes wrong is raised, and said once
+    try:
+        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own exceptions share no base class of theirs
+        raise BundleError(f"{source}: not a graph onnxruntime can load: {_first_line(error)}") from error
+
+
+def _check_inputs_and_outputs(session: Any, name: str, manifest: Manifest, source: str) -> None:
+    """Compare a graph's inputs and outputs with the manifest.
+
+    Raises:
+        BundleError: a name, a type or a size differs, or an axis that must be free is fixed.
+    """
+    memory = (manifest.layers, "batch", manifest.units)
+    expected: dict[str, tuple[int | str, ...]]
+    outputs: tuple[str, ...]
+    if name == ENCODER:
+        expected, outputs = {"command": ("batch", "chunks", 4 * manifest.chunk)}, ENCODER_OUTPUTS
+    else:
+        expected = {"observation": ("batch", _observation_width(manifest)), "hidden": memory, "cell": memory}
+        outputs = DECODER_STEP_OUTPUTS
+    given = {tensor.name: tensor for tensor in session.get_inputs()}
+    given_outputs = {tensor.name for tensor in session.get_outputs()}
+    if set(given) != set(expected):
+        raise BundleError(f"{source}: inputs must be {', '.join(expected)}, got {', '.join(given)}")
+    if given_outputs != set(outputs):
+        raise BundleError(f"{source}: outputs must be {', '.join(outputs)}, got {', '.join(sorted(given_outputs))}")
+    for tensor_name, shape in expected.items():
+        tensor = given[tensor_name]
+        fits = len(tensor.shape) == len(shape) and all(
+            have == want if isinstance(want, int) else not isinstance(have, int)
+            for have, want in zip(tensor.shape, shape, strict=True)
+        )
+        if tensor.type != "tensor(float)" or not fits:
+            have, want = (", ".join(map(str, sizes)) for sizes in (tensor.shape, shape))
+            raise BundleError(
+                f"{source}: input {tensor_name} must be tensor(float) [{want}], got {tensor.type} [{have}]"
+            )
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]

@@ -1,0 +1,60 @@
+"""The decode loop: a command becomes pan accelerations, in closed loop with governor and law (Section II-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from runtime.command import Command
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.limits import Limits
+from runtime.network.bundle import Bundle
+from runtime.network.reader import Reader, Window, chunk_count, held_still
+from runtime.physics.law import slide
+from runtime.physics.motion import Decoded
+from runtime.safety.governor import govern
+from runtime.safety.pan import begin
+from runtime.start import Start
+
+
+class Job(NamedTuple):
+    """One command to be planned: where the object should be, on what, within what, and from where."""
+
+    command: Command
+    friction: Friction
+    limits: Limits
+    start: Start
+
+
+def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> Decoded:
+    """Decode B commands of equally many chunks.
+
+    The encoder reads a window of the commands, all of it unless they are long. Then, chunk by chunk, the decoder
+    sees the C states its last C accelerations led to and asks for the next C accelerations; the governor makes them
+    keep the limits, and they move the pan and, by the law of friction, the object. The network is float32, what
+    moves is float64.
+
+    Raises:
+        InputError: a pan cannot come to rest in its reach from its start.
+        BundleError: an acceleration is no finite number.
+    """
+    commands, frictions = [job.command for job in jobs], [job.friction for job in jobs]
+    motions = [begin(job.start, job.limits) for job in jobs]
+    pan = np.stack([job.start.pan_state() for job in jobs])[:, None]
+    sliding = np.stack([job.start.object_state(job.command.position[0]) for job in jobs])[:, None]
+    accelerations: list[FloatArray] = []
+    askeds: list[FloatArray] = []
+    pans, slidings = [pan], [sliding]
+    pan, sliding = (held_still(state, bundle.manifest) for state in (pan, sliding))
+
+    reader = Reader.at(bundle, commands, window=window)
+    for _ in range(chunk_count(commands[0], bundle.manifest)):
+        asked, reader = reader.look(pan, sliding)
+        u, pan, motions = govern(motions, asked)
+        sliding = slide(sliding[:, -1], u, frictions)
+        for parts, part in ((accelerations, u), (askeds, asked), (pans, pan), (slidings, sliding)):
+            parts.append(part)
+    return Decoded(*(np.concatenate(parts, axis=1) for parts in (accelerations, askeds, pans, slidings)))

@@ -1,0 +1,198 @@
+"""The manifest: what a bundle says of itself, read strictly."""
+
+from __future__ import annotations
+
+import re
+import reprlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+from runtime.documents.checks import check_format, fields, number, text
+from runtime.errors import BundleError, InputError
+from runtime.friction import Friction
+from runtime.limits import Limits
+from runtime.physics.law import DT
+
+BUNDLE_FORMAT = "slide-bundle/1"
+MANIFEST_FILE = "manifest.json"
+
+PRECISIONS = ("fp32", "int8")
+
+ENCODER = "encoder"
+DECODER_STEP = "decoder_step"
+
+TRAINED_ON = {"static": "", "kinetic": "", "reach": "m", "speed": "m/s", "samples": ""}
+"""What the manifest gives the range of, and the unit; reach and speed are those of `Command`."""
+
+LARGEST = {"chunk": 10_000, "layers": 16, "units": 8192, "command_ahead": 100}
+"""Largest of each number in a manifest that memory is allocated by."""
+
+DEFAULT_LIMITS = Limits()
+
+
+@contextmanager
+def _judging(source: str) -> Iterator[None]:
+    """Turn an InputError raised inside into a BundleError that names its source."""
+    try:
+        yield
+    except InputError as error:
+        raise BundleError(f"{source}: {error}") from error
+
+
+class GraphFile(NamedTuple):
+    """A graph's file name within the bundle, and the sha256 of its bytes in hexadecimal."""
+
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a bundle says of itself; the keys of manifest.json are these names, with `format` before them.
+
+    Attributes:
+        name: the bundle's name.
+        precision: "fp32" or "int8".
+        opset: of the graphs' operators.
+        graphs: file and hash of `encoder` and `decoder_step`.
+        chunk: samples in a chunk, C.
+        dt: sampling interval (s).
+        layers: LSTM layers in the encoder and in the decoder.
+        units: LSTM units in a layer.
+        command_ahead: command chunks the decoder sees in each iteration.
+        acceleration_bound: bound on the pan acceleration inside the network (m/s^2); None if it has none.
+        friction: what plans are made for unless something else is said.
+        pan_limit: largest distance of the pan from where it began that was trained for (m).
+        trained_on: lowest and highest value of each of TRAINED_ON in the training.
+        training: how the network was made; free-form.
+        evaluation: figures; free-form.
+        limits: what plans keep to unless something else is said. May be absent in the file: then `pan_limit`, the
+            acceleration bound and the defaults of `Limits`.
+    """
+
+    name: str
+    precision: str
+    opset: int
+    graphs: Mapping[str, GraphFile]
+    chunk: int
+    dt: float
+    layers: int
+    units: int
+    command_ahead: int
+    acceleration_bound: float | None
+    friction: Friction
+    pan_limit: float
+    trained_on: Mapping[str, tuple[float, float]]
+    training: Mapping[str, Any]
+    evaluation: Mapping[str, Any]
+    limits: Limits = DEFAULT_LIMITS
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON document.
+
+        Raises:
+            BundleError: a value is not what it must be: no manifest is written that could not be read.
+        """
+        document = {
+            "format": BUNDLE_FORMAT,
+            **vars(self),
+            "graphs": {name: graph._asdict() for name, graph in self.graphs.items()},
+            "friction": vars(self.friction).copy(),
+            "trained_on": {name: list(limits) for name, limits in self.trained_on.items()},
+            "training": dict(self.training),
+            "evaluation": dict(self.evaluation),
+            "limits": self.limits.to_dict(),
+        }
+        type(self).from_dict(document)
+        return document
+
+    @classmethod
+    def from_dict(cls, document: object, source: str = "manifest") -> Self:
+        """Read the JSON document.
+
+        Args:
+            document: the parsed document.
+            source: where it came from, for the message.
+
+        Raises:
+            BundleError: another format version, a key missing or unknown, or a value that is not what it must be.
+        """
+        with _judging(source):
+            check_format(document, BUNDLE_FORMAT)
+            needed = [name for name in cls.__dataclass_fields__ if name != "limits"]
+            parts = fields(document, "", ("format", *needed), optional=("limits",))
+            precision = text(parts["precision"], "precision")
+            if precision not in PRECISIONS:
+                raise InputError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
+            bound = parts["acceleration_bound"]
+            friction = fields(parts["friction"], "friction", ("static", "kinetic"))
+            graphs = fields(parts["graphs"], "graphs", (ENCODER, DECODER_STEP))
+            trained_on = fields(parts["trained_on"], "trained_on", tuple(TRAINED_ON))
+            for name in ("training", "evaluation"):
+                if not isinstance(parts[name], Mapping):
+                    raise InputError(f"{name} must be an object, got {parts[name]!r}")
+            pan_limit = _positive(parts["pan_limit"], "pan_limit")
+            bound = None if bound is None else _positive(bound, "acceleration_bound")
+            limits = default_limits(pan_limit, bound)
+            dt = number(parts["dt"], "dt")
+            if dt != DT:
+                raise InputError(f"dt must be {DT:g} s, the sampling interval of commands and plans, got {dt:g} s")
+            return cls(
+                name=text(parts["name"], "name"),
+                precision=precision,
+                opset=_integer(parts["opset"], "opset", 1),
+                graphs={name: _graph_file(value, f"graphs.{name}") for name, value in graphs.items()},
+                chunk=_integer(parts["chunk"], "chunk", 1),
+                dt=dt,
+                layers=_integer(parts["layers"], "layers", 1),
+                units=_integer(parts["units"], "units", 1),
+                command_ahead=_integer(parts["command_ahead"], "command_ahead", 0),
+                acceleration_bound=bound,
+                friction=Friction(friction["static"], friction["kinetic"]),
+                pan_limit=pan_limit,
+                trained_on={name: _range(value, f"trained_on.{name}") for name, value in trained_on.items()},
+                training=parts["training"],
+                evaluation=parts["evaluation"],
+                limits=Limits.from_dict(parts["limits"]) if "limits" in parts else limits,
+            )
+
+
+def default_limits(pan_limit: float, acceleration_bound: float | None) -> Limits:
+    """Return the limits of plans by a network trained for these (m, m/s^2)."""
+    return Limits(pan_limit) if acceleration_bound is None else Limits(pan_limit, acceleration_bound)
+
+
+def _integer(value: object, key: str, smallest: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
+        raise InputError(f"{key} must be a whole number of at least {smallest}, got {reprlib.repr(value)}")
+    if key in LARGEST and value > LARGEST[key]:
+        raise InputError(f"{key} must be at most {LARGEST[key]}, got {reprlib.repr(value)}")
+    return value
+
+
+def _positive(value: object, key: str) -> float:
+    result = number(value, key)
+    if result <= 0.0:
+        raise InputError(f"{key} must be greater than 0, got {result:g}")
+    return result
+
+
+def _range(value: object, key: str) -> tuple[float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise InputError(f"{key} must be [lowest, highest], got {value!r}")
+    low, high = (number(item, key) for item in value)
+    if low > high:
+        raise InputError(f"{key}: the lowest, {low:g}, exceeds the highest, {high:g}")
+    return low, high
+
+
+def _graph_file(value: object, key: str) -> GraphFile:
+    parts = fields(value, key, GraphFile._fields)
+    file, sha256 = text(parts["file"], f"{key}.file"), text(parts["sha256"], f"{key}.sha256")
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", file):  # no separator: it cannot leave the folder
+        raise InputError(f"{key}.file must be a plain file name, got {file!r}")
+    if not re.fullmatch(r"[0-9a-f]{64}", sha256):
+        raise InputError(f"{key}.sha256 must be 64 hexadecimal digits, got {sha256!r}")
+    return GraphFile(file, sha256)

@@ -1,0 +1,244 @@
+"""The law of friction between the pan and the object on it (Eqs. 3, 4 and 9 of the paper), in discrete time.
+
+Per sample of `dt` = 1 ms, in float64. The object's position `p` (m) and velocity `v` (m/s) are relative to the
+pan; the input is the pan's acceleration `u` (m/s^2); `mu` is the static and `mu'` the kinetic coefficient:
+
+    if |v| > 0:                         sliding
+        a  = -u - mu' g v/|v|
+        v+ = v + a dt
+        if v+ . v <= 0:                 friction would turn the object round: it comes to rest instead
+            a = -v/dt ;  v+ = 0
+    elif |u| >= mu g:                   breaks away
+        a  = -u + mu g u/|u| ;  v+ = a dt
+    else:                               sticks
+        a  = 0 ;  v+ = 0
+    p+ = p + v dt + a dt^2/2
+
+Rest is exactly `v = 0`: there is no velocity threshold. The pan is the double integrator of Eq. 3.
+
+`slide_step` is this text for one object, in plain floats: fastest in plain Python for a single trajectory, and
+the function that training compiles with numba for the CPU and for CUDA. `rollout` runs it along a trajectory;
+`rollout_batch` is the same law over arrays, which wins from about 48 trajectories up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.physics.compiled import compile_together, compiler
+
+
+def slide(state: FloatArray, u: FloatArray, frictions: Sequence[Friction]) -> FloatArray:
+    """Slide B objects, each under its friction: (B, 4), (B, C, 2) -> (B, C, 4)."""
+    if one_by_one(len(state)):
+        return np.stack([rollout(*one) for one in zip(state, u, frictions, strict=True)])
+    static = np.array([friction.static for friction in frictions])
+    kinetic = np.array([friction.kinetic for friction in frictions])
+    return rollout_batch(state, u, static, kinetic)
+
+
+GRAVITY = 9.8
+"""Gravitational acceleration used throughout (m/s^2), the paper's value."""
+
+DT = 0.001
+"""Sampling interval of commands, plans and the law (s)."""
+
+BATCHED_FROM = 48
+"""Number of trajectories from which `rollout_batch` beats `rollout` in a loop, as long as that is plain Python
+(measured by `slide-bench`)."""
+
+
+def slide_step(
+    px: float,
+    py: float,
+    vx: float,
+    vy: float,
+    ux: float,
+    uy: float,
+    static_limit: float,
+    kinetic_limit: float,
+    dt: float,
+) -> tuple[float, float, float, float]:
+    """Advance one object by one sample under the law in the module's docstring (Eqs. 4 and 9).
+
+    Args:
+        px, py: object position relative to the pan (m).
+        vx, vy: object velocity relative to the pan (m/s).
+        ux, uy: pan acceleration over the sample (m/s^2).
+        static_limit: mu g, the pan acceleration at which a resting object breaks away (m/s^2).
+        kinetic_limit: mu' g, the deceleration by friction while sliding (m/s^2).
+        dt: sampling interval (s).
+
+    Returns:
+        The next px, py, vx, vy.
+    """
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed > 0.0:
+        ax = -ux - kinetic_limit * vx / speed
+        ay = -uy - kinetic_limit * vy / speed
+        next_vx = vx + ax * dt
+        next_vy = vy + ay * dt
+        if next_vx * vx + next_vy * vy <= 0.0:
+            ax = -vx / dt
+            ay = -vy / dt
+            next_vx = 0.0
+            next_vy = 0.0
+    else:
+        push = math.sqrt(ux * ux + uy * uy)
+        if push >= static_limit and push > 0.0:
+            ax = -ux + static_limit * ux / push
+            ay = -uy + static_limit * uy / push
+            next_vx = ax * dt
+            next_vy = ay * dt
+        else:
+            ax = 0.0
+            ay = 0.0
+            next_vx = 0.0
+            next_vy = 0.0
+    half = 0.5 * dt * dt
+    return px + vx * dt + ax * half, py + vy * dt + ay * half, next_vx, next_vy
+
+
+def rollout(state: FloatArray, acceleration: FloatArray, friction: Friction, dt: float = DT) -> FloatArray:
+    """Slide one object along a sequence of pan accelerations (Eqs. 4 and 9).
+
+    Args:
+        state: (4,) object position (m) and velocity (m/s) relative to the pan before the first sample.
+        acceleration: (n, 2) pan acceleration (m/s^2).
+        friction: coefficients.
+        dt: sampling interval (s).
+
+    Returns:
+        (n, 4) object states after each sample.
+    """
+    static_limit = friction.static * GRAVITY
+    kinetic_limit = friction.kinetic * GRAVITY
+    px, py, vx, vy = state.tolist()
+    compiled = _compiled  # which another thread may replace
+    if compiled is not None:
+        u = np.ascontiguousarray(acceleration, dtype=np.float64)
+        out = np.empty((len(u), 4))
+        compiled(px, py, vx, vy, u, static_limit, kinetic_limit, dt, out)
+        return out
+    states = []
+    for ux, uy in acceleration.tolist():
+        px, py, vx, vy = slide_step(px, py, vx, vy, ux, uy, static_limit, kinetic_limit, dt)
+        states.append((px, py, vx, vy))
+    # An array is made of numbers in half the time that it takes of tuples.
+    return np.fromiter(chain.from_iterable(states), np.float64, 4 * len(states)).reshape(-1, 4)
+
+
+def slide_along(
+    px: float,
+    py: float,
+    vx: float,
+    vy: float,
+    u: FloatArray,
+    static_limit: float,
+    kinetic_limit: float,
+    dt: float,
+    out: FloatArray,
+) -> None:
+    """Fill `out` (n, 4) with the states after each of the accelerations `u` (n, 2): `rollout`, to be compiled."""
+    for k in range(len(u)):
+        px, py, vx, vy = slide_step(px, py, vx, vy, u[k, 0], u[k, 1], static_limit, kinetic_limit, dt)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = px, py, vx, vy
+
+
+_compiled: Any = None
+"""`slide_along`, compiled, once `compile_law` was called."""
+
+
+def compile_law(use: bool = True) -> bool:
+    """Let numba run the law of plans and streams from now on, in all of this process, or no longer.
+
+    It saves up to a millisecond a plan, and takes a second or two and 130 MB, so a program that plans once is better
+    off without; a service or a controller calls it when it starts. The states are the same to the last bit.
+
+    Returns:
+        Whether numba is used: False where it is not installed.
+    """
+    global _compiled
+    compile_one = compiler() if use else None
+    if compile_one is None:
+        _compiled = None
+        return False
+    compiled = compile_together((slide_step, slide_along), compile_one)["slide_along"]
+    compiled(0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), 1.0, 1.0, DT, np.empty((1, 4)))  # compiles
+    _compiled = compiled
+    return True
+
+
+def one_by_one(count: int) -> bool:
+    """Return whether that many trajectories are quicker by `rollout` in a loop than by `rollout_batch`."""
+    return count < BATCHED_FROM or _compiled is not None
+
+
+def slide_step_batch(
+    p: FloatArray,
+    v: FloatArray,
+    u: FloatArray,
+    static_limit: FloatArray,
+    kinetic_limit: FloatArray,
+    dt: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Advance many objects by one sample: `slide_step` over arrays, operation for operation.
+
+    Args:
+        p, v, u: (2, B) object position (m), object velocity (m/s), pan acceleration (m/s^2).
+        static_limit, kinetic_limit: (B,) mu g and mu' g (m/s^2).
+        dt: sampling interval (s).
+
+    Returns:
+        The next p and v, each (2, B).
+    """
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1])
+    sliding = speed > 0.0
+    push = np.sqrt(u[0] * u[0] + u[1] * u[1])
+    breaking = ~sliding & (push >= static_limit) & (push > 0.0)
+    # The divisors of objects that take another branch are replaced by 1, so that nothing divides by zero.
+    slide = -u - kinetic_limit * v / np.where(sliding, speed, 1.0)
+    breakaway = -u + static_limit * u / np.where(breaking, push, 1.0)
+    a = np.where(sliding, slide, np.where(breaking, breakaway, 0.0))
+    next_v = v + a * dt
+    stops = sliding & (next_v[0] * v[0] + next_v[1] * v[1] <= 0.0)
+    a = np.where(stops, -v / dt, a)
+    next_v = np.where(stops, 0.0, next_v)
+    return p + v * dt + a * (0.5 * dt * dt), next_v
+
+
+def rollout_batch(
+    states: FloatArray,
+    acceleration: FloatArray,
+    static: FloatArray | float,
+    kinetic: FloatArray | float,
+    dt: float = DT,
+) -> FloatArray:
+    """Slide many objects, each along its own sequence of pan accelerations (Eqs. 4 and 9).
+
+    Args:
+        states: (B, 4) object position (m) and velocity (m/s) relative to the pan before the first sample.
+        acceleration: (B, n, 2) pan acceleration (m/s^2).
+        static, kinetic: friction coefficients, one for all or (B,).
+        dt: sampling interval (s).
+
+    Returns:
+        (B, n, 4) object states after each sample.
+    """
+    batch, samples, _ = acceleration.shape
+    static_limit = np.broadcast_to(np.asarray(static, dtype=np.float64) * GRAVITY, (batch,))
+    kinetic_limit = np.broadcast_to(np.asarray(kinetic, dtype=np.float64) * GRAVITY, (batch,))
+    inputs = np.ascontiguousarray(acceleration.transpose(1, 2, 0))
+    p, v = states.T[:2], states.T[2:]
+    out = np.empty((samples, 4, batch))
+    for k in range(samples):
+        p, v = slide_step_batch(p, v, inputs[k], static_limit, kinetic_limit, dt)
+        out[k, :2], out[k, 2:] = p, v
+    return np.ascontiguousarray(out.transpose(2, 0, 1))

@@ -1,0 +1,1 @@
+"""A plan made better by descending its tracking error."""

@@ -1,0 +1,278 @@
+"""Refinement: a plan made better by descending its tracking error through the law.
+
+The network plans in a single pass; what is left of the error is brought down by Gauss-Newton steps on the pan's
+accelerations (`runtime.descent`), damped until they pay. A step sees only what the strokes it has would gain from
+being a little different; where none pays, single strokes are kicked, at random but the same each time, while all that
+follows answers as the last step found best, and what tracks better is kept.
+
+Each try keeps the limits on acceleration and jerk, and a penalty keeps the pan in reach; of what is found, the best
+that also keeps its reach, and from whose end a stop in reach leads on, is what counts. The governor goes over it in the
+end, so that a refined plan keeps its limits by the same proof as any other.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.physics.compiled import compile_together, compiler
+from runtime.physics.law import DT, GRAVITY, rollout
+from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, ROW, SIZE, STATE, Column, move, sweep
+from runtime.safety.governor import govern
+from runtime.safety.pan import Motion
+from runtime.safety.stop import PanState, find_brake, stop_reach
+
+SOFT_REACH = 0.97
+"""Share of the reach from which the penalty begins."""
+
+RAMPS = 1.5
+"""Times that the acceleration takes from zero to its limit, by which a stop takes longer than at the limit alone."""
+
+DAMPING = 1e-6
+"""Damping of the first step (m^2 per (m/s^2)^2)."""
+
+EASE, STIFFEN = 0.4, 6.0
+"""What the damping is multiplied by after a whole step that paid, and after one of which no share did."""
+
+LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e-4
+
+SHARES = (1.0, 0.4, 0.16)
+"""Of a step, tried one after the other until one pays."""
+
+KICKS = 12
+"""Kicks that are tried in a row before a step is."""
+
+KICK_BLOCKS = (2, 13)
+"""Blocks that a kick lasts, at least and at most."""
+
+KICK_SIZE = (1.0, 12.0)
+"""Range of a kick's size (m/s^2), even on a logarithmic scale."""
+
+
+class Kernels(NamedTuple):
+    """`runtime.descent`'s two loops over the samples, and how a column is made for them."""
+
+    move: Callable[..., tuple[float, float, float]]
+    sweep: Callable[..., None]
+    column: Callable[[FloatArray], Column]
+
+
+PLAIN = Kernels(move, sweep, lambda values: values.ravel().tolist())
+"""For where numba is not installed."""
+
+
+@cache
+def kernels() -> Kernels:
+    """Return the loops, compiled if numba is installed: 200 times faster, after seconds to compile them."""
+    compile_one = compiler()
+    if compile_one is None:
+        return PLAIN
+    functions = compile_together(FUNCTIONS, compile_one)
+    found = Kernels(functions["move"], functions["sweep"], lambda values: np.array(values, dtype=np.float64).ravel())
+    nothing = np.zeros((1, 2))
+    descent = Descent(found, nothing, nothing, np.zeros(STATE), (1.0, 1.0, 1.0, 0.0), (1.0, 1.0, 0.0, 0.0))
+    descent.go_on()  # compiles, so that no plan waits for it
+    return found
+
+
+class Effort(NamedTuple):
+    """How long to refine: a time (s), or a number of steps, with which the result is the same each time."""
+
+    seconds: float
+    iterations: int | None = None
+
+
+class Refined(NamedTuple):
+    """A refined motion.
+
+    Attributes:
+        acceleration: (n, 2) (m/s^2), within the limits.
+        asked: (n, 2) before the governor went over it (m/s^2).
+        pan, sliding: (n + 1, 4) states of pan and object before and after each sample.
+    """
+
+    acceleration: FloatArray
+    asked: FloatArray
+    pan: FloatArray
+    sliding: FloatArray
+
+
+class Descent:
+    """Accelerations on their way down.
+
+    Args:
+        loops: the kernels.
+        u: (n, 2) accelerations to begin with (m/s^2).
+        command: (n, 2) where the object should be before each sample (m).
+        start: (8,) pan and object at the start.
+        law, within: as `runtime.descent.move` takes them.
+
+    Attributes:
+        squared: sum of the squared distances to the command (m^2).
+        farthest: largest distance of the pan from the centre (m).
+    """
+
+    def __init__(
+        self,
+        loops: Kernels,
+        u: FloatArray,
+        command: FloatArray,
+        start: FloatArray,
+        law: tuple[float, ...],
+        within: tuple[float, ...],
+    ) -> None:
+        column = loops.column
+        self._loops, self._start, self._law, self._within = loops, start, law, within
+        self._command, self._u, self._other = column(command), column(u), column(u)
+        self._states, self._other_states = (column(np.zeros((len(u), STATE))) for _ in range(2))
+        self._blocks = -(-len(u) // BLOCK)
+        self._gains = column(np.zeros((self._blocks, ROW)))
+        self._model = column(np.zeros((SIZE, SIZE))), column(np.zeros(SIZE))
+        self._damping, self._kicks = DAMPING, 0
+        self._random = np.random.default_rng(0)
+        self.squared = self._cost = self.farthest = math.inf
+        self._try(0.0)
+
+    def acceleration(self) -> FloatArray:
+        """Return (n, 2) (m/s^2)."""
+        return np.array(self._u).reshape(-1, 2)
+
+    def end(self) -> PanState:
+        """Return the pan after the last sample."""
+        return PanState(*(float(value) for value in self._end[:4]), *(float(value) for value in self._u[-2:]))
+
+    def go_on(self) -> bool:
+        """Take a step, or try a kick where none paid; returns whether the cost is less than before."""
+        if self._kicks:
+            self._kick()
+            better = self._try(1.0)
+            self._kicks = 0 if better else self._kicks - 1
+            return better
+        self._sweep(self._damping)
+        for share in SHARES:
+            if self._try(share):
+                if share == 1.0:
+                    self._damping = max(self._damping * EASE, LEAST_DAMPING)
+                return True
+        self._damping = min(self._damping * STIFFEN, MOST_DAMPING)
+        self._kicks = KICKS
+        self._sweep(DAMPING)  # for its answers
+        return False
+
+    def _sweep(self, damping: float) -> None:
+        self._loops.sweep(
+            self._u, self._command, self._end, self._law, self._within[0], self._states, damping, self._gains,
+            *self._model,
+        )  # fmt: skip
+
+    def _kick(self) -> None:
+        """Let the blocks do nothing by themselves but for a few, there and back; their answers stay."""
+        gains, draw = self._gains, self._random
+        for row in range(0, ROW * self._blocks, ROW):
+            gains[row] = gains[row + 1] = 0.0
+        count = int(draw.integers(KICK_BLOCKS[0], KICK_BLOCKS[1], endpoint=True))
+        first = int(draw.integers(1 - count, self._blocks))
+        size = math.exp(draw.uniform(math.log(KICK_SIZE[0]), math.log(KICK_SIZE[1])))
+        angle = draw.uniform(0.0, 2.0 * math.pi)
+        for block in range(max(first, 0), min(first + count, self._blocks)):
+            phase = math.pi * (block - first + 0.5) / count
+            amount = size * math.sin(phase) * math.sin(2.0 * phase)
+            gains[ROW * block] = amount * math.cos(angle)
+            gains[ROW * block + 1] = amount * math.sin(angle)
+
+    def _try(self, share: float) -> bool:
+        """Move along a share of the gains, and stay there if that is better."""
+        end = self._loops.column(self._start)
+        squared, cost, farthest = self._loops.move(
+            self._u, self._command, end, self._law, self._within, self._gains, self._states, share,
+            self._other_states, self._other,
+        )  # fmt: skip
+        if not cost < self._cost:
+            return False
+        self.squared, self._cost, self.farthest, self._end = squared, cost, farthest, end
+        self._u, self._other = self._other, self._u
+        self._states, self._other_states = self._other_states, self._states
+        return True
+
+
+def refine(
+    u: FloatArray,
+    motion: Motion,
+    sliding: FloatArray,
+    command: FloatArray,
+    friction: Friction,
+    chunk: int,
+    effort: Effort,
+) -> Refined | None:
+    """Descend the tracking error of planned accelerations.
+
+    Args:
+        u: (n, 2) planned (m/s^2), within the limits; the last may lead out of the command.
+        motion: the pan at the start, with its limits, which are finite.
+        sliding: (4,) object position (m) and velocity (m/s) at the start.
+        command: (n, 2) where the object should be before each sample (m).
+        friction: what to plan for.
+        chunk: samples that the governor looks at together, should it have to change anything.
+        effort: how long to try.
+
+    Returns:
+        The best motion found, None if it tracks no better than `u`.
+    """
+    found = _descend(u, motion, sliding, command, friction, effort)
+    kept = _governed(found, motion, sliding, friction, len(found))  # a stop from its end alone was seen to
+    if not np.array_equal(kept.acceleration, found):
+        kept = _governed(found, motion, sliding, friction, chunk)
+    better = _error(kept.acceleration, sliding, command, friction) < _error(u, sliding, command, friction)
+    return kept if better else None
+
+
+def _descend(
+    u: FloatArray,
+    motion: Motion,
+    sliding: FloatArray,
+    command: FloatArray,
+    friction: Friction,
+    effort: Effort,
+) -> FloatArray:
+    """Return the best accelerations found until the time is up or the steps are taken."""
+    loops = kernels()
+    until = time.perf_counter() + effort.seconds
+    limits = motion.limits
+    ramps = RAMPS * limits.acceleration / limits.jerk
+    law = friction.static * GRAVITY, friction.kinetic * GRAVITY, SOFT_REACH * limits.pan_reach, ramps
+    within = limits.acceleration, limits.jerk * DT, *motion.state[4:]
+    start = np.array([*motion.state[:4], *sliding.tolist()])
+    descent = Descent(loops, u, command, start, law, within)
+    best, least, count = u, descent.squared, 0
+    while time.perf_counter() < until if effort.iterations is None else count < effort.iterations:
+        count += 1
+        if descent.go_on() and descent.squared < least and descent.farthest <= limits.pan_reach:
+            end = descent.end()
+            if stop_reach(end, find_brake(end, limits)) <= limits.pan_reach:
+                best, least = descent.acceleration(), descent.squared
+    return best
+
+
+def _governed(u: FloatArray, motion: Motion, sliding: FloatArray, friction: Friction, chunk: int) -> Refined:
+    """Let the governor go over accelerations, `chunk` samples at a time."""
+    pans, accelerations = [np.array([motion.state[:4]])], []
+    for first in range(0, len(u), chunk):
+        governed = govern([motion], u[None, first : first + chunk])
+        motion = governed.motions[0]
+        accelerations.append(governed.acceleration[0])
+        pans.append(governed.pan[0])
+    kept = np.concatenate(accelerations)
+    return Refined(kept, u, np.concatenate(pans), np.concatenate([sliding[None], rollout(sliding, kept, friction)]))
+
+
+def _error(u: FloatArray, sliding: FloatArray, command: FloatArray, friction: Friction) -> float:
+    """Return the mean squared distance between object and command (m^2)."""
+    states = np.concatenate([sliding[None], rollout(sliding, u[:-1], friction)])
+    return float(np.mean(np.sum((states[:, :2] - command) ** 2, axis=1)))

@@ -1,0 +1,176 @@
+"""A plan as a page to look at: one HTML file with the pan animated from above and plots linked to it.
+
+The file stands alone: the template beside this module with the plan's numbers in one JSON block; it asks nothing of
+the network and works from a file:// address. `#t=0.6` at the end of the address opens it at that time (s), and
+`#t=0.6&frame=pan` with the pan held still.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.documents.checks import FloatArray, table, text
+from runtime.documents.files import write_whole
+from runtime.errors import InputError
+from runtime.physics.law import GRAVITY
+from runtime.plan import Plan
+
+PAN_RADIUS = 0.18
+"""Radius of the pan drawn (m): that of the simulated arm's pan. The law itself knows no rim."""
+
+OBJECT_RADIUS = 0.03
+"""Radius of the object drawn (m): that of the simulated arm's object. The law itself slides a point."""
+
+DECIMALS = 6
+"""Decimals kept of positions (m), speeds (m/s) and accelerations (m/s^2): finer than any screen by far."""
+
+MAX_SAMPLES = 6000
+"""Most samples written for drawing; of a longer plan every n-th is taken, its figures are of all samples."""
+
+PLACEHOLDER = "@@REPORT@@"
+"""Where the template takes the data."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Another motion on the plan's time line, drawn beside it: a replay, or what a simulator measured.
+
+    Attributes:
+        name: what the legend calls it.
+        object_position: (K, 2) relative to the pan (m).
+        object_velocity: (K, 2) relative to the pan (m/s).
+        pan_position: (K, 2) in the world, relative to where the pan began (m).
+
+    Raises:
+        InputError: the name is no printable text, an array is not (K, 2) finite numbers, or lengths differ.
+    """
+
+    name: str
+    object_position: FloatArray
+    object_velocity: FloatArray
+    pan_position: FloatArray
+
+    def __post_init__(self) -> None:
+        text(self.name, "track name")
+        for field in ("object_position", "object_velocity", "pan_position"):
+            array = table(getattr(self, field), f"track {self.name!r}: {field}")
+            if len(array) != len(self.object_position):
+                rows = len(self.object_position)
+                raise InputError(f"track {self.name!r}: {field} has {len(array)} rows, object_position has {rows}")
+            object.__setattr__(self, field, array)
+
+
+def slip_phases(object_velocity: FloatArray) -> list[tuple[int, int]]:
+    """Return the runs of samples at which the object slides; at the others it rests, with a speed of exactly 0.
+
+    Args:
+        object_velocity: (K, 2) relative to the pan (m/s).
+
+    Returns:
+        For each run its first sample and the sample after its last, in the order of time.
+    """
+    sliding = np.concatenate([[False], object_velocity.any(axis=1), [False]])
+    edges = np.flatnonzero(np.diff(sliding.astype(np.int8)))
+    return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+
+
+def render_report(plan: Plan, tracks: Sequence[Track] = ()) -> str:
+    """Return the page of a plan, a whole HTML document.
+
+    Args:
+        plan: the plan.
+        tracks: further motions to draw beside the plan's own prediction, on the same time line.
+
+    Raises:
+        InputError: a track has another number of samples than the plan.
+    """
+    for track in tracks:
+        if len(track.object_position) != len(plan):
+            count = len(track.object_position)
+            raise InputError(f"track {track.name!r} has {count} samples, the plan has {len(plan)}")
+    # Only `<` could end the script block or open a comment in it; inside JSON it stands in strings alone.
+    data = json.dumps(_document(plan, tracks), allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")
+    template = files("runtime.report").joinpath("report.html").read_text(encoding="utf-8")
+    return template.replace(PLACEHOLDER, data)
+
+
+def write_report(path: str | PathLike[str], plan: Plan, tracks: Sequence[Track] = ()) -> None:
+    """Write the page of a plan; the file appears whole or not at all.
+
+    Args:
+        path: the HTML file, replaced if it exists.
+        plan: the plan.
+        tracks: further motions to draw beside the plan's own prediction, on the same time line.
+
+    Raises:
+        InputError: a track has another number of samples than the plan.
+        OutputError: the file cannot be written.
+    """
+    write_whole(Path(path), render_report(plan, tracks).encode("utf-8"))
+
+
+def _document(plan: Plan, tracks: Sequence[Track]) -> dict[str, Any]:
+    """Return what the page is drawn from: the plan's document with its arrays thinned and rounded, and more."""
+    drawn = _drawn_samples(len(plan))
+    return {
+        "dt": plan.dt,
+        "samples": len(plan),
+        "time": _rounded(drawn * plan.dt),
+        "model": {"name": plan.model_name, "sha256": plan.model_sha256},
+        "friction": {"static": plan.friction.static, "kinetic": plan.friction.kinetic, "gravity": GRAVITY},
+        "radius": {"pan": PAN_RADIUS, "object": OBJECT_RADIUS},
+        "command": {"position": _rounded(plan.command_position[drawn])},
+        "pan": {
+            "acceleration": _rounded(plan.pan_acceleration[drawn]),
+            "position": _rounded(plan.pan_position[drawn]),
+        },
+        "object": {
+            "position": _rounded(plan.object_position[drawn]),
+            "speed": _rounded(_lengths(plan.object_velocity[drawn])),
+        },
+        "slip": [_rounded(np.array(phase) * plan.dt) for phase in slip_phases(plan.object_velocity)],
+        "quality": plan.quality.to_dict(),
+        "tracks": [_track_document(plan, track, drawn) for track in tracks],
+    }
+
+
+def _track_document(plan: Plan, track: Track, drawn: NDArray[np.intp]) -> dict[str, Any]:
+    error = _lengths(track.object_position - plan.command_position)
+    return {
+        "name": track.name,
+        "pan": {"position": _rounded(track.pan_position[drawn])},
+        "object": {
+            "position": _rounded(track.object_position[drawn]),
+            "speed": _rounded(_lengths(track.object_velocity[drawn])),
+        },
+        "tracking_rmse": float(np.sqrt(np.mean(error * error))),
+        "tracking_max": float(error.max()),
+        "end_distance": float(error[-1]),
+        "pan_deviation_max": float(_lengths(track.pan_position - plan.pan_position).max()),
+    }
+
+
+def _drawn_samples(samples: int) -> NDArray[np.intp]:
+    """Return which samples are drawn: all of them, or every n-th and the last."""
+    every = -(-samples // (MAX_SAMPLES - 1))  # one place is kept for the last sample
+    return np.unique(np.append(np.arange(0, samples, every), samples - 1))
+
+
+def _rounded(values: NDArray[np.floating[Any]]) -> Any:
+    """Return nested lists with DECIMALS decimals, without negative zeros."""
+    return (np.round(values, DECIMALS) + 0.0).tolist()
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """Return the Euclidean lengths (n,) of (n, 2) vectors."""
+    lengths: FloatArray = np.hypot(vectors[:, 0], vectors[:, 1])
+    return lengths

@@ -1,0 +1,198 @@
+"""What a client may ask, read strictly: nothing is converted, nothing unknown is passed over, no number is infinite.
+
+The models check types, names and sizes while the JSON is parsed and stop at the first fault; what the numbers mean is
+checked by `runtime`, in the same words as for files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Self, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
+
+from runtime import Command, Friction, InputError, Start
+from runtime.network.manifest import Manifest
+from runtime.physics.law import DT
+from server.planning.messages import Asked
+from server.problems import Problem
+from server.settings import Settings
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Pair = tuple[Finite, Finite]
+
+Model = TypeVar("Model", bound="Strict")
+
+
+class Strict(BaseModel):
+    """Reads what it is told and nothing else."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
+
+
+class CommandRequest(Strict):
+    """Where the object is to be, relative to the pan (m): at even steps of dt (s), or at times t (s)."""
+
+    dt: Positive | None = Field(None, description="Sampling interval (s); 0.001 is planned as it is.")
+    t: Annotated[list[Finite], FailFast()] = Field([], min_length=2, description="Times (s), increasing.")
+    position: Annotated[list[Pair], FailFast()] = Field(min_length=2, description="[x, y] (m), one for each.")
+
+    @model_validator(mode="after")
+    def _timed(self) -> Self:
+        if (self.dt is None) != bool(self.t):
+            raise ValueError("exactly one of dt and t is needed")
+        return self
+
+    def samples(self) -> float:
+        """Return how many samples at 1 kHz it will have, before it is resampled: a few bytes may ask for an hour."""
+        if self.t:
+            return (self.t[-1] - self.t[0]) / DT + 1
+        return (len(self.position) - 1) * (self.dt or 0.0) / DT + 1
+
+    def command(self) -> Command:
+        """Return the command.
+
+        Raises:
+            InputError: the numbers make no command.
+        """
+        position = np.array(self.position, dtype=np.float64)
+        if self.t:
+            return Command.from_waypoints(np.array(self.t, dtype=np.float64), position)
+        return Command.from_samples(position, self.dt or DT)
+
+
+class FrictionRequest(Strict):
+    """Coefficients of friction."""
+
+    static: Positive
+    kinetic: Positive
+
+
+class LimitsRequest(Strict):
+    """What the pan is to keep to; the model's where nothing is said."""
+
+    pan_reach: Positive | None = Field(None, description="(m)")
+    acceleration: Positive | None = Field(None, description="(m/s^2)")
+    jerk: Positive | None = Field(None, description="(m/s^3)")
+
+
+class StartRequest(Strict):
+    """Where pan and object are, and how they move; at rest, the object on its mark, where nothing is said."""
+
+    pan_position: Pair = (0.0, 0.0)
+    pan_velocity: Pair = (0.0, 0.0)
+    pan_acceleration: Pair = (0.0, 0.0)
+    object_position: Pair | None = None
+    object_velocity: Pair = (0.0, 0.0)
+
+
+class Options(Strict):
+    """What a command is planned with; the model's values where nothing is said."""
+
+    friction: FrictionRequest | None = None
+    limits: LimitsRequest | None = None
+    start: StartRequest | None = None
+
+
+class PlanRequest(Options):
+    """One command to be planned."""
+
+    command: CommandRequest
+    refine_ms: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
+        None, description="Time to spend on making the plan better (ms)."
+    )
+    tolerance: Positive | None = Field(None, description="Tracking RMSE to hold the plan against (m).")
+
+
+class PlansRequest(Options):
+    """Many commands to be planned, all with the same options."""
+
+    commands: Annotated[list[CommandRequest], FailFast(), Field(min_length=1)]
+
+
+def read(model: type[Model], body: bytes) -> Model:
+    """Parse and check a body.
+
+    Raises:
+        Problem: `malformed` if it is not JSON, `invalid` if it is not what the model says; the place is named.
+    """
+    try:
+        result = model.model_validate_json(body)
+    except ValidationError as error:
+        raise _problem(error) from None
+    # No text that is taken as a value has a colon, so each of a document that was
+    # read stands after a name.
+    if body.count(b":") != _names(result):
+        raise Problem("malformed", "a name is given twice")
+    return result
+
+
+def _names(model: BaseModel) -> int:
+    count = len(model.model_fields_set)
+    for name in model.model_fields_set:
+        value = getattr(model, name)
+        if isinstance(value, BaseModel):
+            count += _names(value)
+        elif isinstance(value, list) and value and isinstance(value[0], BaseModel):
+            count += sum(map(_names, value))
+    return count
+
+
+def _problem(error: ValidationError) -> Problem:
+    first = error.errors(include_url=False, include_context=True, include_input=False)[0]
+    if first["type"] == "json_invalid":
+        return Problem("malformed", first["msg"])
+    place = first["loc"]
+    if first["type"] == "extra_forbidden":  # the last part is a name the client made up
+        return Problem("invalid", "there is a name that is not known here", _path(place[:-1]))
+    return Problem("invalid", first["msg"], _path(place))
+
+
+def _path(place: tuple[int | str, ...]) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
+
+
+def commands(requests: Mapping[str, CommandRequest], most: int) -> list[Command]:
+    """Return the commands that were asked for, by their places in the request.
+
+    Raises:
+        Problem: `invalid`, with the place: one is too long, or its numbers make no command.
+    """
+    result = []
+    for place, request in requests.items():
+        samples = request.samples()
+        if samples > most:
+            raise Problem("invalid", f"the command has {samples:.0f} samples at 1 kHz, at most {most} are taken", place)
+        try:
+            result.append(request.command())
+        except InputError as error:
+            raise Problem("invalid", str(error), place) from None
+    return result
+
+
+def asked(options: Options, command: Command, manifest: Manifest, settings: Settings) -> Asked:
+    """Return what is to be planned, with the manifest's values where nothing was said.
+
+    Raises:
+        Problem: `invalid`, with the place.
+    """
+    try:
+        place, friction, limits, start = "friction", manifest.friction, manifest.limits, Start()
+        if options.friction is not None:
+            friction = Friction(options.friction.static, options.friction.kinetic)
+        place = "limits"
+        if options.limits is not None:
+            limits = replace(limits, **options.limits.model_dump(exclude_none=True))
+        place = "start"
+        if options.start is not None:
+            start = Start(**options.start.model_dump())
+    except InputError as error:
+        raise Problem("invalid", str(error), place) from None
+    if not isinstance(options, PlanRequest):
+        return Asked(command, friction, limits, start)
+    if options.refine_ms is not None and options.refine_ms > settings.max_refine_ms:
+        raise Problem("invalid", f"at most {settings.max_refine_ms:g} ms are spent", "refine_ms")
+    return Asked(command, friction, limits, start, options.refine_ms or None, options.tolerance)

@@ -1,0 +1,162 @@
+"""The planning process: it plans, judges and writes, so that the server's event loop has only bytes to move.
+
+The server starts it with one end of a socket and sends an Order; the answer is what is wrong, or nothing, "". From then
+on each list of Asked is one batch, answered by a Made or a Failed for each of it, as soon as it is written. The process
+ends when the socket does. Messages are pickled, which is safe between two programs that are one. The plan itself comes
+after its message as it is: to pickle it would copy it three times more. The lengths of both go before.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import pickle
+import signal
+import socket
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import orjson
+
+from runtime import BundleError, InputError, Plan, Planner, SlideError, Status
+from runtime.network.bundle import Bundle, DecoderState, Float32Array
+from runtime.physics.law import compile_law
+from server.planning.messages import LENGTHS, Asked, Failed, Made, Order, packed
+
+log = logging.getLogger("slide-serve")
+
+GOLDEN_REACH = 0.05
+GOLDEN_SAMPLES = 777
+"""The golden command: a minimum-jerk move of this length (m) in so many samples, which is no multiple of a chunk."""
+
+AGREEMENT = 1e-6
+"""Largest distance (m) between a plan made alone and the same one made in a batch."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimedBundle(Bundle):
+    """A bundle that adds up the time its encoder takes (s); for one thread."""
+
+    spent: list[float] = field(default_factory=lambda: [0.0])
+
+    def encode(self, command: Float32Array) -> DecoderState:
+        """Read commands, as every bundle does."""
+        begin = time.perf_counter()
+        try:
+            return super().encode(command)
+        finally:
+            self.spent[0] += time.perf_counter() - begin
+
+
+class Worker:
+    """The process's side of the socket."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection, self._reader = connection, connection.makefile("rb")
+
+    def run(self) -> None:
+        """Plan until the server hangs up."""
+        try:
+            planner = prepared_planner(self._receive())
+        except SlideError as error:
+            self._send(str(error))
+            return
+        self._bundle = planner.bundle = TimedBundle(**vars(planner.bundle))
+        self._planner = planner
+        gc.freeze()  # what is loaded stays: it need not be looked through again and again
+        self._send("")
+        while True:
+            many = self._receive()
+            self._plan(many, range(len(many)))
+
+    def _plan(self, many: list[Asked], indices: range) -> None:
+        """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
+        begin, self._bundle.spent[0] = time.perf_counter(), 0.0
+        try:
+            plans = self._plans([many[index] for index in indices])
+        except Exception as error:
+            if len(indices) > 1:
+                for index in indices:
+                    self._plan(many, range(index, index + 1))
+                return
+            if not isinstance(error, InputError):
+                log.exception("planning failed")
+            self._send(Failed(indices[0], str(error) if isinstance(error, InputError) else ""))
+            return
+        encode, together = self._bundle.spent[0], len(indices)
+        decode = time.perf_counter() - begin - encode
+        for index, plan in zip(indices, plans, strict=True):
+            begin = time.perf_counter()
+            body = plan.to_npz() if many[index].npz else as_json(plan)
+            write = time.perf_counter() - begin
+            self._send(Made(index, plan.quality.status.value, together, encode, decode, write), body)
+            together = 0
+
+    def _plans(self, many: list[Asked]) -> list[Plan]:
+        if len(many) == 1:
+            command, friction, limits, start, refine_ms, tolerance, _ = many[0]
+            plan = self._planner.plan(
+                command, friction, limits=limits, start=start, refine_ms=refine_ms, tolerance=tolerance
+            )
+            return [plan]
+        commands, frictions, limits_of, starts, _, tolerances, _ = zip(*many, strict=True)
+        return self._planner.plan_batch(commands, frictions, limits=limits_of, start=starts, tolerance=tolerances[0])
+
+    def _receive(self) -> Any:
+        """Return the next message.
+
+        Raises:
+            EOFError: the server is gone.
+        """
+        head = self._reader.read(LENGTHS.size)
+        if len(head) < LENGTHS.size:
+            raise EOFError
+        return pickle.loads(self._reader.read(LENGTHS.unpack(head)[0]))
+
+    def _send(self, message: object, plan: bytes = b"") -> None:
+        self._connection.sendall(packed(message, len(plan)))
+        self._connection.sendall(plan)
+
+
+def as_json(plan: Plan) -> bytes:
+    """Return the plan's JSON document; every float keeps all its digits."""
+    return orjson.dumps(plan.document(), option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def prepared_planner(order: Order) -> Planner:
+    """Load the bundle, whose hashes are checked, and make the golden plan: alone, in a batch, and replayed.
+
+    Raises:
+        BundleError: the bundle cannot be trusted, or the plans do not agree.
+    """
+    planner = Planner(order.model, sha256=order.sha256)
+    if order.compile:
+        compile_law()
+    s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
+    position = GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
+    plan = planner.plan(position)
+    batch = planner.plan_batch([position, 0.5 * position, position])
+    replayed = plan.replay()[:, :2]
+    differences = [plan.object_position - other for other in (batch[0].object_position, replayed)]
+    differences += [plan.pan_position - batch[2].pan_position]
+    largest = max(float(np.abs(difference).max()) for difference in differences)
+    if not largest <= AGREEMENT:
+        raise BundleError(f"the golden plan differs from itself by {largest:.3g} m, more than {AGREEMENT:g} m")
+    if plan.quality.status is Status.LIMIT_EXCEEDED:
+        raise BundleError(f"the golden plan does not keep its limits: {'; '.join(plan.quality.notes)}")
+    if order.compile:
+        planner.plan(position, refine_iterations=1)  # compiles too, which takes longer than any deadline
+    return planner
+
+
+def main() -> None:
+    """Run the process; the argument is the number of its end of the socket, which it inherits."""
+    for stop in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a terminal or a service: the server stops
+        signal.signal(stop, signal.SIG_IGN)
+    logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
+    with socket.socket(fileno=int(sys.argv[1])) as connection, suppress(EOFError, ConnectionError):
+        Worker(connection).run()

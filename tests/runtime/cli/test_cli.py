@@ -1,0 +1,307 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from runtime import Friction, Plan, Planner
+from runtime.cli.info import info_main
+from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND, plan_main
+from runtime.cli.run import run_main
+
+ROOT = Path(__file__).parents[3]
+EXAMPLE = ROOT / "examples" / "figure_eight.csv"
+PROGRAMS = {"slide-plan": plan_main, "slide-run": run_main, "slide-info": info_main}
+
+Slide = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def slide(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Slide:
+    """Run a program in this process; gives its exit code, standard output and standard error."""
+
+    def call(program: str, *arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", [program, *map(str, arguments)])
+        monkeypatch.setenv("COLUMNS", "80")
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            PROGRAMS[program]()
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0, *capfd.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def plan_file(plan: Plan, tmp_path: Path) -> Path:
+    path = tmp_path / "plan.json"
+    plan.save(path)
+    return path
+
+
+def test_slide_plan_writes_the_plan_and_a_table(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    code, out, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path)
+    assert (code, err) == (0, "")
+    plan = Plan.load(tmp_path / "plan.json")
+    assert len(plan) == 1200
+    for words in ("tracking RMSE", f"{plan.quality.tracking_rmse * 1e3:.2f} mm", "pan reach", "sliding", "paper's 622"):
+        assert words in out
+    assert max(map(len, out.splitlines())) <= 80
+    assert [entry.name for entry in tmp_path.iterdir()] == ["plan.json"]
+
+
+def test_slide_plan_json_is_one_object_and_nothing_else(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    code, out, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.npz", "--model", bundle_path, "--json")
+    assert (code, err) == (0, "")
+    result = json.loads(out)
+    plan = Plan.load(tmp_path / "plan.npz")
+    assert result["quality"] == plan.quality.to_dict()
+    assert result["samples"] == 1200
+    assert result["samples_per_second"] == pytest.approx(1200 / result["planning_time"])
+    assert result["ratio_to_paper"] == pytest.approx(result["samples_per_second"] / PAPER_SAMPLES_PER_SECOND)
+
+
+def test_slide_plan_takes_friction(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    code, *_ = slide("slide-plan", EXAMPLE, "-o", path, "--model", bundle_path, "--static", "0.7", "--kinetic", "0.4")
+    assert code == 0
+    assert Plan.load(path).friction == Friction(0.7, 0.4)
+    code, *_ = slide("slide-plan", EXAMPLE, "-o", path, "--model", bundle_path, "--static", "0.8")
+    assert code == 0
+    assert Plan.load(path).friction == Friction(0.8, 0.5)
+
+
+def test_missed_tolerance_exits_1_in_one_line_with_the_plan_written(
+    slide: Slide, bundle_path: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "plan.json"
+    code, out, err = slide("slide-plan", EXAMPLE, "-o", path, "--model", bundle_path, "--tolerance", "1e-6", "--json")
+    assert code == 1
+    assert err.startswith("slide-plan: tolerance missed: tracking RMSE ")
+    assert err.count("\n") == 1
+    assert json.loads(out)["quality"]["status"] == "tolerance_missed"
+    code, _, err = slide("slide-run", path)
+    assert code == 1
+    assert err.startswith("slide-run: tolerance missed: tracking RMSE ")
+
+
+def test_limits_can_be_tightened(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    options = ["--reach", "0.01", "--acceleration", "8", "--jerk", "2000"]
+    code, out, _ = slide(
+        "slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path, "--json", *options
+    )
+    quality = json.loads(out)["quality"]
+    assert code == 0
+    assert quality["limits"] == {"pan_reach": 0.01, "acceleration": 8.0, "jerk": 2000.0}
+    assert all(margin > -1e-9 for margin in quality["margins"].values())
+    assert quality["status"] == "governed"
+    code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path, "--jerk", "0")
+    assert (code, err) == (2, "slide-plan: error: limit jerk must be greater than 0 m/s^3, got 0 m/s^3\n")
+
+
+def test_command_beyond_the_training_is_a_warning(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    command = tmp_path / "far.json"
+    command.write_text(json.dumps({"t": [0, 1, 2], "position": [[0, 0], [0.3, 0], [0, 0]]}))
+    code, _, err = slide("slide-plan", command, "-o", tmp_path / "plan.json", "--model", bundle_path)
+    assert code == 0
+    assert err.startswith("slide-plan: warning: reach 0.3 m is outside the range trained on")
+    assert err.count("\n") == 1
+    assert Plan.load(tmp_path / "plan.json").quality.status == "beyond_training_range"
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "message"),
+    [
+        ("", [], "the file is empty"),
+        ("t,x\n0,0\n", [], "line 1: missing column 'y'"),
+        ("x,y,z\n0,0,0\n", [], "line 1: unknown column 'z'"),
+        ("x,y\n0,0\n", [], "1 sample, at least 2 are needed"),
+        ("x,y\n0,0\n0,nan\n", [], "line 3, column y: nan is not a finite number"),
+        ("x,y\n0,0\n0,0.06\n", [], "jumps by 0.06 m"),
+        ("t,x,y\n0,0,0\n0,0,0\n", [], "t must increase"),
+        (None, [], "cannot be read: No such file"),
+        ("x,y\n0,0\n0,0\n", ["--static", "-1"], "friction static must be between 0 and 10, got -1"),
+        ("x,y\n0,0\n0,0\n", ["--static", "nan"], "friction static must be finite"),
+        ("x,y\n0,0\n0,0\n", ["--kinetic", "1.5"], "kinetic friction 1.5 must not exceed static friction 1"),
+        ("x,y\n0,0\n0,0\n", ["--model", "nowhere"], "cannot be read: No such file"),
+        ("x,y\n0,0\n0,0\n", ["-o", "absent/plan.json"], "absent/plan.json: cannot be written: there is no folder"),
+        ("x,y\n0,0\n0,0\n", ["-o", "folder.json"], "folder.json: cannot be written: is a directory"),
+        ("x,y\n0,0\n0,0\n", ["-o", "command.csv/plan.json"], "cannot be written"),
+        ("x,y\n0,0\n0,0\n", ["-o", "plan.yaml"], "written as .json or .npz"),
+    ],
+)
+def test_bad_input_is_one_line_exit_2_and_nothing_written(
+    slide: Slide,
+    bundle_path: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str | None,
+    options: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder.json").mkdir()
+    if command is not None:
+        Path("command.csv").write_text(command)
+    before = sorted(tmp_path.rglob("*"))
+    code, out, err = slide("slide-plan", "command.csv", "-o", "plan.json", "--model", bundle_path, *options)
+    assert (code, out) == (2, "")
+    assert err.startswith("slide-plan: error: ")
+    assert message in err
+    assert err.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_output_is_checked_before_the_work_is_done(
+    slide: Slide, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "runtime.cli.plan.Planner", lambda *_: pytest.fail("planned for an output that cannot be written")
+    )
+    for name in ("plan.txt", "absent/plan.json"):
+        assert slide("slide-plan", EXAMPLE, "-o", tmp_path / name)[0] == 2
+
+
+def test_usage_errors_exit_2(slide: Slide) -> None:
+    for arguments in (
+        ["slide-plan"],
+        ["slide-plan", EXAMPLE],
+        ["slide-run", "a", "--static", "x"],
+        ["slide-info", "--x"],
+    ):
+        code, out, err = slide(*arguments)
+        assert (code, out) == (2, "")
+        assert err.splitlines()[-1].startswith("Error: ")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (KeyboardInterrupt(), 130, ""),
+        (OSError(5, "Input/output error", "disk"), 2, "slide-plan: error: [Errno 5] Input/output error: 'disk'\n"),
+    ],
+)
+def test_interrupt_and_unexpected_os_error_end_without_a_traceback(
+    slide: Slide, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, line: str
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr("runtime.cli.plan.Planner", fail)
+    assert slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json") == (code, "", line)
+    assert not list(tmp_path.iterdir())
+
+
+def test_slide_run_replays_the_plan(slide: Slide, plan: Plan, plan_file: Path) -> None:
+    code, out, err = slide("slide-run", plan_file)
+    assert (code, err) == (0, "")
+    for words in ("1/0.5", f"{plan.quality.tracking_max * 1e3:.2f} mm", "object to command at the end", "0.00 mm"):
+        assert words in out
+    assert max(map(len, out.splitlines())) <= 80
+    result = json.loads(slide("slide-run", plan_file, "--json")[1])
+    assert result["tracking_rmse"] == plan.quality.tracking_rmse
+    assert result["sliding_share"] == plan.quality.sliding_share
+    assert result["difference_to_plan"] == 0.0
+    assert result["distance_at_end"] == np.hypot(*(plan.object_position[-1] - plan.command_position[-1]))
+
+
+def test_slide_run_replays_under_another_friction(slide: Slide, plan: Plan, plan_file: Path) -> None:
+    result = json.loads(slide("slide-run", plan_file, "--static", "10", "--json")[1])
+    assert result["friction"] == {"static": 10.0, "kinetic": 0.5}
+    assert result["sliding_share"] == 0.0
+    moved = np.hypot(*(plan.object_position - plan.object_position[0]).T).max()
+    assert result["difference_to_plan"] == pytest.approx(moved)
+
+
+def test_slide_run_writes_the_report(slide: Slide, plan_file: Path, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    code, out, _ = slide("slide-run", plan_file, "--report", page)
+    assert code == 0
+    assert "report.html" in out.replace("\n", "").replace(" ", "")
+    plain = page.read_text(encoding="utf-8")
+    assert "<html" in plain
+    assert slide("slide-run", plan_file, "--report", page, "--static", "0.6")[0] == 0
+    assert "friction 0.6/0.5" in page.read_text(encoding="utf-8")
+    assert "friction 0.6/0.5" not in plain
+
+
+def test_slide_run_refuses_bad_input(slide: Slide, plan: Plan, plan_file: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(plan.to_dict() | {"format": "slide-plan/9"}))
+    cut = tmp_path / "cut.json"
+    cut.write_bytes(plan_file.read_bytes()[:1000])
+    for arguments, message in [
+        ([other], "other.json: format must be 'slide-plan/1', got 'slide-plan/9'"),
+        ([cut], "cut.json: truncated or not JSON"),
+        ([tmp_path / "absent.json"], "cannot be read"),
+        ([plan_file, "--kinetic", "2"], "kinetic friction 2 must not exceed"),
+        ([plan_file, "--report", tmp_path / "absent" / "report.html"], "there is no folder"),
+    ]:
+        code, out, err = slide("slide-run", *arguments)
+        assert (code, out) == (2, "")
+        assert err.startswith("slide-run: error: ")
+        assert message in err
+        assert err.count("\n") == 1
+
+
+def test_slide_info_says_what_the_bundle_is(slide: Slide, planner: Planner, bundle_path: Path) -> None:
+    code, out, err = slide("slide-info", bundle_path)
+    assert (code, err) == (0, "")
+    for words in ("tiny", "2 x 8 LSTM units, fp32, opset 17", "0.5 to 1.4", "100 m", "none", "tracking rmse", "0.002"):
+        assert words in out
+    assert planner.bundle.sha256 in out.replace("\n", "").replace(" ", "")
+    assert max(map(len, out.splitlines())) <= 80
+    result = json.loads(slide("slide-info", bundle_path, "--json")[1])
+    assert result["sha256"] == planner.bundle.sha256
+    assert result["units"] == 8
+    assert slide("slide-info", bundle_path / "absent")[0] == 2
+
+
+def start(program: str, *arguments: object, **options: Any) -> subprocess.Popen[str]:
+    verb = program.removeprefix("slide-")
+    code = f"import sys; sys.argv[0] = {program!r}; from runtime.cli.{verb} import {verb}_main; {verb}_main()"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=ROOT, text=True, preexec_fn=obey_interrupts, **pipes, **options)
+
+
+def obey_interrupts() -> None:
+    """Undo what a shell does to what it starts in the background, or Python would not listen to SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def test_program_works_in_a_process_of_its_own_under_an_ascii_locale(bundle_path: Path, tmp_path: Path) -> None:
+    environment = os.environ | {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    with start("slide-plan", EXAMPLE, "-o", tmp_path / "p.json", "--model", bundle_path, env=environment) as process:
+        out, err = process.communicate()
+    assert (process.returncode, err) == (0, "")
+    assert "tracking RMSE" in out
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_reader_that_goes_away_makes_no_traceback(bundle_path: Path, options: list[str]) -> None:
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with start("slide-info", bundle_path, *options, env=buffered) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+
+
+def test_interrupted_program_exits_130_without_a_traceback(bundle_path: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "command.csv")  # reading it waits until somebody writes
+    with start("slide-plan", tmp_path / "command.csv", "-o", tmp_path / "p.json", "--model", bundle_path) as process:
+        with (tmp_path / "command.csv").open("w"):  # opens once the program reads
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30) == 130
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+    assert not (tmp_path / "p.json").exists()

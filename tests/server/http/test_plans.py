@@ -1,0 +1,137 @@
+"""`POST /plan` and `POST /plans`: the runtime's plans, over HTTP, together or alone."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from runtime import Friction, Limits, Plan, Planner, ServerError, Start
+from runtime.client.client import Client
+
+
+@pytest.fixture(scope="module")
+def planner() -> Planner:
+    return Planner()
+
+
+def test_plan_is_the_runtimes_plan_and_a_file_of_it_is_read(
+    server: Any, planner: Planner, make_request: Callable[..., Any], tmp_path: Path
+) -> None:
+    request = make_request(345)
+    response = server.post("/plan", json=request)
+    assert response.status_code == 200
+    assert response.headers["content-type"] == "application/json"
+    (tmp_path / "plan.json").write_bytes(response.content)
+    plan, own = Plan.load(tmp_path / "plan.json"), planner.plan(request["command"]["position"])
+    assert plan.to_dict() == own.to_dict()
+
+
+def test_plan_comes_as_npz_if_that_is_accepted(server: Any, make_request: Callable[..., Any], tmp_path: Path) -> None:
+    response = server.post("/plan", json=make_request(), headers={"Accept": "application/x-npz"})
+    assert response.headers["content-type"] == "application/x-npz"
+    assert np.load(io.BytesIO(response.content), allow_pickle=False)["pan.acceleration"].shape == (300, 2)
+    (tmp_path / "plan.npz").write_bytes(response.content)
+    assert Plan.load(tmp_path / "plan.npz").to_dict() == server.post("/plan", json=make_request()).json()
+    preferring = {"Accept": "application/x-npz;q=0.5, application/json"}
+    response = server.post("/plan", json=make_request(), headers=preferring)
+    assert response.headers["content-type"] == "application/json"
+
+
+def test_options_are_those_of_the_runtime(server: Any, planner: Planner, make_curve: Callable[..., Any]) -> None:
+    position = make_curve(400, 3)
+    friction, limits = Friction(0.8, 0.4), Limits(0.15, 25.0, 5000.0)
+    start = Start(pan_position=(0.02, 0.0), object_position=(0.01, 0.0), object_velocity=(0.0, 0.1))
+    own = planner.plan(position, friction, limits=limits, start=start, tolerance=0.001)
+    with Client(server.url) as client:
+        plan = client.plan(position, friction, limits=limits, start=start, tolerance=0.001)
+        assert plan.to_dict() == own.to_dict()
+        better = client.plan(position, refine_ms=50.0)
+        assert better.quality.tracking_rmse <= planner.plan(position).quality.tracking_rmse
+        assert client.info()["model"]["sha256"] == planner.bundle.sha256
+
+
+def test_server_timing_tells_where_the_time_went(server: Any, make_request: Callable[..., Any]) -> None:
+    header = server.post("/plan", json=make_request()).headers["server-timing"]
+    found = dict(part.split(";dur=") for part in header.split(", "))
+    assert list(found) == ["read", "queue", "encode", "decode", "write"]
+    assert float(found.pop("queue")) >= 0.0
+    assert all(float(part) > 0.0 for part in found.values())
+
+
+def test_waypoints_are_resampled(server: Any) -> None:
+    command = {"t": [5.0, 5.4, 6.0], "position": [[0, 0], [0.03, 0.02], [0.05, 0]]}
+    plan = server.post("/plan", json={"command": command}).json()
+    assert len(plan["command"]["position"]) == 1001
+
+
+def test_plans_come_in_order_a_line_each(server: Any, planner: Planner, make_curve: Callable[..., Any]) -> None:
+    curves = [make_curve(samples, seed) for seed, samples in enumerate((300, 777, 250, 300, 120))]
+    with Client(server.url) as client:
+        plans = list(client.plans(curves, Friction(0.9, 0.5)))
+    for curve, plan in zip(curves, plans, strict=True):
+        assert np.array_equal(plan.command_position, curve)
+        own = planner.plan(curve, Friction(0.9, 0.5))
+        assert np.abs(plan.object_position - own.object_position).max() <= 1e-6
+
+
+def test_command_of_many_that_cannot_be_planned_is_a_problem_in_its_line(server: Any) -> None:
+    moving = {"pan_position": [5.0, 0.0]}
+    commands = [{"dt": 0.001, "position": [[0, 0], [0, 0]]}] * 2
+    response = server.post("/plans", json={"commands": commands, "start": moving})
+    assert response.status_code == 200
+    lines = [json.loads(line) for line in response.text.splitlines()]
+    assert [line["status"] for line in lines] == [422, 422]
+    with Client(server.url) as client, pytest.raises(ServerError, match="the pan is 5 m from its centre"):
+        list(client.plans([np.zeros((5, 2))], start=Start(pan_position=(5.0, 0.0))))
+
+
+def test_concurrent_requests_are_planned_together_and_each_gets_its_own(
+    run_server: Callable[..., Any], planner: Planner, make_curve: Callable[..., Any]
+) -> None:
+    """The command itself is the nonce: it comes back in the plan."""
+    curves = [make_curve(300 + 10 * (seed % 3), seed) for seed in range(48)]
+
+    async def ask(server: Any) -> list[Plan]:
+        limits = httpx.Limits(max_connections=48)
+        async with httpx.AsyncClient(base_url=server.url, timeout=60.0, verify=False, limits=limits) as client:
+
+            async def one(curve: Any) -> Plan:
+                command = {"dt": 0.001, "position": curve.tolist()}
+                return Plan.from_dict((await client.post("/plan", json={"command": command})).json())
+
+            return await asyncio.gather(*map(one, curves))
+
+    with run_server(max_wait=60.0, deadline=60.0) as server:
+        plans = asyncio.run(ask(server))
+        metrics = server.get("/metrics").text
+    for curve, plan in zip(curves, plans, strict=True):
+        assert np.array_equal(plan.command_position, curve)
+        own = planner.plan(curve)
+        for name in ("pan_position", "object_position"):
+            assert np.abs(getattr(plan, name) - getattr(own, name)).max() <= 1e-6
+    batches = float(re.search(r"^slide_batch_size_count (\S+)$", metrics, re.M)[1])  # type: ignore[index]
+    assert batches < len(curves)
+    assert re.search(rf"^slide_batch_size_sum {len(curves)}\.0$", metrics, re.M)
+    assert re.search(rf'^slide_requests_total{{path="/plan",status="200"}} {len(curves)}\.0$', metrics, re.M)
+    assert f"slide_samples_planned_total {float(sum(map(len, curves)))}" in metrics
+
+
+def test_bad_start_in_a_batch_fails_alone(run_server: Callable[..., Any], make_request: Callable[..., Any]) -> None:
+    async def ask(server: Any) -> list[int]:
+        async with httpx.AsyncClient(base_url=server.url, timeout=60.0, verify=False) as client:
+            bad = {"start": {"pan_position": [5.0, 0.0]}}
+            requests = [make_request(300, seed, **(bad if seed % 4 == 0 else {})) for seed in range(16)]
+            answers = await asyncio.gather(*(client.post("/plan", json=request) for request in requests))
+            return [answer.status_code for answer in answers]
+
+    with run_server(max_wait=60.0, deadline=60.0) as server:
+        assert asyncio.run(ask(server)) == [422, 200, 200, 200] * 4

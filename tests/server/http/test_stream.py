@@ -1,0 +1,201 @@
+"""The closed loop over the wire: the same as in the process, and bounded."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from runtime import Friction, Limits, Planner, ServerError, Start, StreamStatus
+from runtime.cli.run import run_main
+from runtime.client.client import Client
+from runtime.client.messages import Chunk, Step, pack_chunk, pack_step, unpack_chunk, unpack_step
+from runtime.client.stream import RemoteStream
+from runtime.physics.law import rollout
+from runtime.physics.pan import integrate_pan
+
+from ..conftest import wait_for
+
+
+def dial(server: Any, **options: Any) -> ClientConnection:
+    return connect(server.url.replace("http", "ws") + "/stream", **options).__enter__()
+
+
+def opened(server: Any, **others: Any) -> ClientConnection:
+    socket = dial(server)
+    command = {"dt": 0.001, "position": [[0.0, 0.0], [0.0001, 0.0]]}
+    socket.send(json.dumps({"format": "slide-stream/1", "command": command, **others}))
+    assert json.loads(socket.recv())["chunk"] == 100
+    return socket
+
+
+def refused(socket: ClientConnection, message: str | bytes) -> dict[str, Any]:
+    """Send a message and return the problem it is answered with, after which the socket is closed."""
+    socket.send(message)
+    problem: dict[str, Any] = json.loads(socket.recv())
+    with pytest.raises(ConnectionClosed) as caught:
+        socket.recv()
+    assert caught.value.rcvd is not None
+    assert caught.value.rcvd.code == 1008
+    return problem
+
+
+@pytest.mark.parametrize(("packed", "tolerance"), [(False, 0.0), (True, 1e-5)])
+def test_remote_stream_gives_what_a_stream_in_the_process_gives(
+    server: Any, make_curve: Callable[..., Any], packed: bool, tolerance: float
+) -> None:
+    position, friction = make_curve(450), Friction(0.9, 0.45)
+    own = Planner().stream(position, friction, limits=Limits(jerk=8000.0))
+    with RemoteStream(server.url, position, friction, limits=Limits(jerk=8000.0), packed=packed) as remote:
+        assert remote.model == {"name": own._bundle.manifest.name, "sha256": own._bundle.sha256}
+        pan, sliding = np.zeros((100, 4)), np.tile([*position[0], 0.0, 0.0], (100, 1))
+        for _ in range(5):
+            expected, got = own.step(pan, sliding), remote.step(pan, sliding)
+            assert np.abs(got - expected).max() <= tolerance * 30.0
+            assert remote.last is not None
+            assert remote.last.status is own.status is StreamStatus.FOLLOWING
+            assert np.abs(remote.last.brake - own.brake(100)).max() <= tolerance * 30.0
+            pan = integrate_pan(pan[-1], expected)
+            sliding = rollout(sliding[-1], expected, friction)
+
+
+def test_missing_states_are_predicted_then_braked_and_a_start_begins_again(server: Any) -> None:
+    socket = opened(server)
+    statuses = []
+    for sequence in range(4):
+        socket.send(json.dumps({"sequence": sequence}))
+        statuses.append(json.loads(socket.recv())["status"])
+    assert statuses == ["following", "predicted", "braking", "braking"]
+    socket.send(json.dumps({"sequence": 4, "start": {}, "command": {"dt": 0.001, "position": [[0, 0], [0, 0]]}}))
+    assert json.loads(socket.recv())["status"] == "following"
+    socket.close()
+
+
+def test_packed_messages_come_back_the_same() -> None:
+    random = np.random.default_rng(0)
+    pan, u = random.normal(size=(100, 4)), random.normal(size=(100, 2))
+    step = unpack_step(pack_step(Step(7, pan, None, 0.003)))
+    assert step.pan is not None
+    assert (step.sequence, step.object) == (7, None)
+    assert np.allclose(step.pan, pan, atol=1e-6)
+    chunk = unpack_chunk(pack_chunk(Chunk(8, u, u[:3], StreamStatus.BRAKING)))
+    assert (chunk.sequence, chunk.status) == (8, StreamStatus.BRAKING)
+    assert np.allclose(chunk.brake, u[:3], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("message", "name"),
+    [
+        ("{", "malformed"),
+        ('{"sequence": 1}', "invalid"),
+        ('{"sequence": -1}', "invalid"),
+        ('{"sequence": true}', "invalid"),
+        ('{"sequence": 0, "pan": [[0, 0, 0, NaN]]}', "invalid"),
+        ('{"sequence": 0, "pan": [[0, 0, 0]]}', "invalid"),
+        ('{"sequence": 0, "pan": [[0, 0, 0, 0], [0, 0, 0, 0]]}', "invalid"),
+        ('{"sequence": 0, "start": {"pan_position": [9, 9]}}', "invalid"),
+        ('{"sequence": 0, "command": {"dt": 0.001, "position": [[0, 0], [0, 0], [1, 0]]}}', "invalid"),
+        (b"", "malformed"),
+        (b"\0" * 11, "malformed"),
+        (pack_step(Step(0, np.full(4, np.nan), None)), "malformed"),
+        (pack_step(Step(0, np.zeros(4), None)) + b"\0", "malformed"),
+        (pack_step(Step(3, np.zeros(4), None)), "invalid"),
+    ],
+)
+def test_bad_step_ends_the_stream_with_a_problem(server: Any, message: str | bytes, name: str) -> None:
+    problem = refused(opened(server), message)
+    assert problem["type"] == f"urn:slide-planner:problem:{name}"
+
+
+def test_bad_opening_is_a_problem(server: Any) -> None:
+    for message in ("", "{}", '{"format": "slide-stream/2"}', b"\xff", "[" * 10_000):
+        assert refused(dial(server), message)["status"] in (400, 422)
+    with pytest.raises(ServerError, match="start: start: the pan is 9"):
+        RemoteStream(server.url, np.zeros((5, 2)), start=Start(pan_position=(9.0, 0.0)))
+
+
+def test_rate_size_and_silence_are_limited(run_server: Callable[..., Any]) -> None:
+    with run_server(stream_rate=5.0, stream_idle=1.0, max_body=4096) as server:
+        socket = opened(server)
+        for sequence in range(60):
+            socket.send(json.dumps({"sequence": sequence}))
+        answers = []
+        with suppress(ConnectionClosed):
+            while True:
+                answers.append(json.loads(socket.recv()))
+        assert 20 <= len(answers) < 60
+        assert answers[-1]["type"].endswith(":too-fast")
+
+        begin = time.monotonic()
+        socket = opened(server)
+        assert json.loads(socket.recv())["type"].endswith(":idle")
+        assert 0.9 < time.monotonic() - begin < 10.0
+
+        socket = opened(server)
+        socket.send("x" * 5000)
+        with pytest.raises(ConnectionClosed) as caught:
+            socket.recv()
+        assert caught.value.rcvd is not None
+        assert caught.value.rcvd.code == 1009
+
+
+def test_too_many_streams_are_refused(run_server: Callable[..., Any]) -> None:
+    with run_server(max_streams=1) as server:
+        first = opened(server)
+        with pytest.raises(ServerError, match="Too much is waiting to be planned: too many streams are open"):
+            RemoteStream(server.url, np.zeros((5, 2)))
+        first.close()
+        wait_for(lambda: server.service.streams == 0)
+        RemoteStream(server.url, np.zeros((5, 2))).close()
+
+
+def test_slide_run_follows_a_plan_on_the_arm_through_the_server(
+    server: Any,
+    make_curve: Callable[..., Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
+    path, documents = tmp_path / "plan.json", []
+    with Client(server.url) as client:
+        client.plan(make_curve(250)).save(path)
+    for loop in (["--server", server.url], ["--closed-loop"]):
+        monkeypatch.setattr(sys, "argv", ["slide-run", str(path), "--pybullet", *loop, "--json"])
+        with pytest.raises(SystemExit):
+            run_main()
+        out, err = capfd.readouterr()
+        documents.append(json.loads(out))
+        assert "error" not in err
+        assert "was made by" not in err
+    through, own = documents
+    assert through["loop"] == "closed loop through a server"
+    assert through["results"]["samples"] == 250
+    assert through["results"]["object_rms"] == own["results"]["object_rms"]
+
+
+def test_page_of_another_site_opens_no_stream(server: Any) -> None:
+    with pytest.raises(InvalidStatus) as caught:
+        dial(server, origin="http://elsewhere")
+    assert caught.value.response.status_code == 403
+    dial(server, origin=server.url).close()
+
+
+def test_client_names_what_is_wrong(server: Any) -> None:
+    with pytest.raises(ServerError, match=r"http://127.0.0.1:1: cannot be reached"):
+        RemoteStream("http://127.0.0.1:1", np.zeros((5, 2)))
+    with pytest.raises(ServerError, match="begins with http"):
+        RemoteStream("127.0.0.1:1", np.zeros((5, 2)))
+    with pytest.raises(ServerError, match="cannot be reached"), Client("http://127.0.0.1:1") as client:
+        client.plan(np.zeros((5, 2)))
+    with Client(server.url) as client, pytest.raises(ServerError, match="command: position jumps by 1 m"):
+        client.plan([[0.0, 0.0], [1.0, 0.0]])

@@ -1,0 +1,48 @@
+"""Models on the simulated arm, as `slide-eval --pybullet` runs them; and a network that is followed without export."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from runtime.planner import DEFAULT_BUNDLE
+from train.batches.batches import make_batch
+from train.commands.families import free_commands
+from train.evaluation.evaluate import NetworkStream, commands_of, load_subject
+from train.network.model import Seq2Seq
+from train.physics.closed_loop import decode
+
+
+def test_stream_of_a_network_is_its_decoding():
+    torch.manual_seed(0)
+    model = Seq2Seq(units=12, command_ahead=2, acceleration_bound=30.0)
+    command = free_commands(np.random.default_rng(0), 1, 400, {"moves": 1.0}, (0.03, 0.1), 0.7, 1).position
+    batch = make_batch(command, np.array([400]), None, np.ones(1), 0.5 * np.ones(1))
+    with torch.no_grad():
+        motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+    states = np.concatenate([np.zeros((100, 8)), motion.states[0].numpy()])
+    stream = NetworkStream(model, command[0])
+    for n in range(4):
+        seen = states[100 * n : 100 * (n + 1)]
+        u = stream.step(seen[:, :4], seen[:, 4:])
+        assert u == pytest.approx(motion.u[0, 100 * n : 100 * (n + 1)].numpy(), abs=1e-5)
+
+
+def test_a_model_is_executed_in_every_way_and_drawn():
+    pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
+    figure = pytest.importorskip("matplotlib.figure")
+    from train.evaluation import arm as arm
+
+    subject = load_subject(DEFAULT_BUNDLE)
+    position = commands_of("spline_acceleration", 1)
+    rows = arm.evaluate_on_arm(subject, position)
+    assert list(rows) == [arm.LAW, *arm.WAYS]
+    assert rows["closed loop"].rmse_mean < 0.01
+    assert rows["open loop, paper control"].pan_worst > 10 * rows["open loop"].pan_worst
+    assert len(arm.arm_table({"default": rows}).splitlines()) == 2 + len(rows)
+
+    executed = arm.execute_for_figures(subject, position[0])
+    assert executed.object_position.shape == executed.pan_position.shape == position[0].shape
+    assert [picture.shape for picture in executed.snapshots] == [(360, 480, 3)] * len(arm.SNAPSHOTS)
+    assert len(arm.draw_snapshots(figure.Figure, [executed, executed]).axes) == 2 * len(arm.SNAPSHOTS)

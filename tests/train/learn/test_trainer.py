@@ -1,0 +1,165 @@
+"""The training loop: it learns, resumes bit for bit, survives bad gradients and a full disk."""
+
+from __future__ import annotations
+
+import os
+import shutil
+
+import pytest
+import torch
+
+import train.learn.trainer as trainer_module
+from runtime.errors import FormatError, InputError, OutputError
+from train.config import load_config
+from train.curriculum import MID_COURSE, task_at
+from train.learn.trainer import SKIP_LIMIT, Trainer, TrainingError, learning_rate, loss_weights
+from train.network.checkpoint import CHECKPOINT, load_checkpoint, load_model
+
+
+@pytest.fixture(scope="module")
+def smoke_run(tmp_path_factory):
+    """A finished run of the smoke configuration, and the folder it stood in after two of its ten epochs."""
+    folder = tmp_path_factory.mktemp("runs")
+    steps = []
+    trainer = Trainer(load_config("smoke"), folder / "whole")
+    save = trainer.save
+
+    def save_and_keep():
+        save()
+        if trainer.epoch == 2:
+            shutil.copytree(folder / "whole", folder / "half")
+
+    trainer.save = save_and_keep
+    trainer.train(steps.append)
+    return folder, steps
+
+
+def test_run_reports_every_step_and_leaves_a_checkpoint_and_scalars(smoke_run):
+    folder, steps = smoke_run
+    config = load_config("smoke")
+    assert [step.step for step in steps] == list(range(1, config.epochs * (config.trajectories // config.batch) + 1))
+    assert [steps[i].stage for i in (0, -1)] == [1, 5]
+    checkpoint = load_checkpoint(folder / "whole")
+    assert checkpoint["epoch"] == config.epochs
+    assert any(path.name.startswith("events") for path in (folder / "whole" / "tensorboard").iterdir())
+
+
+def test_resumed_run_is_the_same_to_the_last_bit(smoke_run):
+    folder, _ = smoke_run
+    resumed = Trainer(load_config("smoke"), folder / "half")
+    resumed.resume(load_checkpoint(folder / "half"))
+    assert resumed.epoch == 2
+    resumed.train()
+    whole, again = load_checkpoint(folder / "whole"), load_checkpoint(folder / "half")
+    assert again["epoch"] == whole["epoch"]
+    for part in ("model", "average"):
+        for name, tensor in whole[part].items():
+            assert torch.equal(tensor, again[part][name]), (part, name)
+
+
+def test_training_changes_every_weight(smoke_run):
+    folder, _ = smoke_run
+    fresh = trainer_module.build_model(load_config("smoke")).state_dict()
+    _, trained = load_model(load_checkpoint(folder / "whole"))
+    for name, tensor in trained.state_dict().items():
+        assert not torch.equal(tensor, fresh[name]), name
+
+
+def test_tracking_improves_on_stage_1(tmp_path):
+    """Model C: after a hundred steps of L' the pan is much nearer to the one that generated the command."""
+    values = load_config("smoke").model_dump() | {"model": "C", "epochs": 4, "trajectories": 200, "learning_rate": 3e-3}
+    steps = []
+    Trainer(trainer_module.TrainConfig.model_validate(values), tmp_path).train(steps.append)
+    first, last = (sum(step.loss for step in part) / len(part) for part in (steps[:10], steps[-10:]))
+    assert last < 0.1 * first
+
+
+def test_resume_of_another_configuration_is_refused_and_the_difference_named(smoke_run):
+    folder, _ = smoke_run
+    other = Trainer(load_config("smoke", seed=5), folder / "half")
+    with pytest.raises(InputError, match="seed: 0 -> 5"):
+        other.resume(load_checkpoint(folder / "half"))
+
+
+def poison(monkeypatch, steps):
+    """Make the loss of the given steps not finite."""
+    real = trainer_module.decode
+    calls = []
+
+    def decode(*arguments):
+        motion = real(*arguments)
+        calls.append(None)
+        if len(calls) in steps:
+            return motion._replace(states=motion.states * float("nan"))
+        return motion
+
+    monkeypatch.setattr(trainer_module, "decode", decode)
+
+
+def test_step_with_a_gradient_that_is_not_finite_is_skipped_and_counted(tmp_path, monkeypatch):
+    trainer = Trainer(load_config("smoke").model_copy(update={"epochs": 1, "trajectories": 32}), tmp_path)
+    poison(monkeypatch, {1, 3})
+    steps = []
+    trainer.train(steps.append)
+    assert [step.skipped for step in steps] == [1, 1, 2, 2]
+    assert all(torch.isfinite(weight).all() for weight in trainer.model.parameters())
+    assert load_checkpoint(tmp_path)["skipped"] == 2
+
+
+def test_too_many_bad_gradients_end_the_run(tmp_path, monkeypatch):
+    trainer = Trainer(load_config("smoke", epochs=20), tmp_path)
+    poison(monkeypatch, set(range(1000)))
+    with pytest.raises(TrainingError, match=f"{SKIP_LIMIT + 1} of the last 100 steps"):
+        trainer.train()
+
+
+def test_failed_write_leaves_the_checkpoint_before_whole(smoke_run, tmp_path, monkeypatch):
+    folder, _ = smoke_run
+    shutil.copytree(folder / "half", tmp_path / "run")
+    before = (tmp_path / "run" / CHECKPOINT).read_bytes()
+    trainer = Trainer(load_config("smoke"), tmp_path / "run")
+
+    def full(state, path):
+        path.write_bytes(b"half a checkpoint")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(OutputError, match="No space left"):
+        trainer.save()
+    assert (tmp_path / "run" / CHECKPOINT).read_bytes() == before
+    assert not [path for path in (tmp_path / "run").iterdir() if path.suffix == ".tmp"]
+
+
+def test_checkpoint_that_is_none_is_refused(tmp_path):
+    with pytest.raises(FormatError, match="no such checkpoint"):
+        load_checkpoint(tmp_path)
+    (tmp_path / CHECKPOINT).write_bytes(b"not a checkpoint")
+    with pytest.raises(FormatError, match="not a readable checkpoint"):
+        load_checkpoint(tmp_path)
+    torch.save({"format": "slide-checkpoint/0"}, tmp_path / CHECKPOINT)
+    with pytest.raises(FormatError, match="slide-checkpoint/1"):
+        load_checkpoint(tmp_path)
+
+
+def test_checkpoint_cannot_run_code(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return os.system, (f"touch {tmp_path}/ran",)
+
+    torch.save({"format": "slide-checkpoint/1", "config": Evil()}, tmp_path / CHECKPOINT)
+    with pytest.raises(FormatError):
+        load_checkpoint(tmp_path)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(("late_gamma", "expected"), [(0.35, 0.35), (0.0, 0.0), (None, 0.12)])
+def test_change_of_acceleration_has_its_own_price_late_in_the_curriculum(late_gamma, expected):
+    config = load_config("default", gamma=0.12).model_copy(update={"late_gamma": late_gamma})
+    prices = [loss_weights(config, task_at(MID_COURSE, "A", epoch, 10)).gamma for epoch in (5, 6)]
+    assert prices == [0.12, expected]
+
+
+def test_learning_rate_falls_along_a_cosine():
+    config = load_config("base").model_copy(update={"learning_rate": 1e-3, "final_learning_rate": 1e-5})
+    rates = [learning_rate(config, progress) for progress in (0.0, 0.5, 1.0)]
+    assert rates == pytest.approx([1e-3, 0.5 * (1e-3 + 1e-5), 1e-5])

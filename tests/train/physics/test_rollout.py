@@ -1,0 +1,155 @@
+"""The differentiable rollout: the compiled law is the law, and its adjoint its derivative."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from runtime.friction import Friction
+from runtime.physics.law import DT, GRAVITY, slide_step
+from runtime.physics.law import rollout as rollout_python
+from runtime.physics.linearized import SPEED_FLOOR, linearize
+from runtime.physics.pan import integrate_pan
+from train.physics.rollout import rollout
+
+
+def limits(static, kinetic, batch):
+    return (
+        torch.full((batch,), static * GRAVITY, dtype=torch.float64),
+        torch.full((batch,), kinetic * GRAVITY, dtype=torch.float64),
+    )
+
+
+def test_compiled_law_equals_the_scalar_one_on_10_000_steps_of_every_branch():
+    rng = np.random.default_rng(0)
+    u = rng.normal(0, 9, (50, 200, 2))
+    states = rollout(torch.zeros(50, 8, dtype=torch.float64), torch.from_numpy(u), *limits(1.0, 0.5, 50)).numpy()
+    before = np.concatenate([np.zeros((50, 1, 8)), states[:, :-1]], axis=1)
+    sliding, push = (before[..., 6:] != 0).any(-1), np.linalg.norm(u, axis=-1) >= GRAVITY
+    stops = sliding & ~(states[..., 6:] != 0).any(-1)
+    for branch in (sliding & ~stops, stops, ~sliding & push, ~sliding & ~push):
+        assert branch.sum() >= 100
+    for b in range(50):
+        np.testing.assert_allclose(states[b, :, 4:], rollout_python(np.zeros(4), u[b], Friction()), atol=1e-12)
+        np.testing.assert_allclose(states[b, :, :4], integrate_pan(np.zeros(4), u[b]), atol=1e-12)
+
+
+BRANCHES = {
+    "slides": ((0.3, -0.2), (2.0, 1.0)),
+    "stops": ((0.002, 0.001), (1.0, 0.5)),
+    "breaks away": ((0.0, 0.0), (9.0, -8.0)),
+    "sticks": ((0.0, 0.0), (3.0, 2.0)),
+}
+
+
+def point(v, u):
+    """One sample's start (1, 8), the object at velocity v, and acceleration u (1, 1, 2), to be differentiated by."""
+    start = torch.tensor([[0.0] * 6 + list(v)], dtype=torch.float64, requires_grad=True)
+    return start, torch.tensor([[u]], dtype=torch.float64, requires_grad=True)
+
+
+@pytest.mark.parametrize("branch", BRANCHES)
+def test_adjoint_equals_central_differences_away_from_the_switching_surfaces(branch):
+    v, u = BRANCHES[branch]
+    weights = np.array([0.7, -1.3, 0.4, 2.1])
+    limit = (GRAVITY, 0.5 * GRAVITY)
+    states = rollout(*(tensors := point(v, u)), *limits(1.0, 0.5, 1))
+    (states[0, 0, 4:] @ torch.from_numpy(weights)).backward()
+    got = np.concatenate([tensors[0].grad[0, 6:], tensors[1].grad[0, 0]])
+
+    def value(x):
+        return weights @ np.array(slide_step(0.0, 0.0, *x, *limit, DT))
+
+    x = np.array([*v, *u])
+    # At rest v = 0 is itself the switching surface, so there only u is varied.
+    varied = range(4) if any(v) else range(2, 4)
+    for i in varied:
+        h = 1e-6 * max(1.0, abs(x[i])) if i >= 2 else 1e-7
+        step = h * np.eye(4)[i]
+        slope = (value(x + step) - value(x - step)) / (2 * h)
+        assert got[i] == pytest.approx(slope, rel=1e-6, abs=1e-10), (branch, ["vx", "vy", "ux", "uy"][i])
+
+
+def test_gradient_through_a_whole_rollout_equals_central_differences():
+    rng = np.random.default_rng(1)
+    u = torch.from_numpy(rng.normal(0, 1, (1, 60, 2)) + np.array([14.0, 5.0])).requires_grad_()
+    start = torch.from_numpy(rng.normal(0, 0.1, (1, 8)))
+    start[0, 6:] = torch.tensor([-0.5, -0.4])
+    start.requires_grad_()
+    weights = torch.from_numpy(rng.normal(0, 1, (1, 60, 8)))
+
+    def value(start, u):
+        return (rollout(start, u, *limits(1.0, 0.5, 1)) * weights).sum()
+
+    states = rollout(start, u, *limits(1.0, 0.5, 1))
+    assert torch.linalg.vector_norm(states[..., 6:], dim=-1).min() > SPEED_FLOOR
+    value(start, u).backward()
+    with torch.no_grad():
+        for tensor, grad, index in [(u, u.grad, (0, 3, 0)), (u, u.grad, (0, 50, 1)), (start, start.grad, (0, 6))]:
+            h = 1e-5
+            step = torch.zeros_like(tensor)
+            step[index] = h
+            high = value(start, u + step) if tensor is u else value(start + step, u)
+            low = value(start, u - step) if tensor is u else value(start - step, u)
+            assert grad[index].item() == pytest.approx(((high - low) / (2 * h)).item(), rel=1e-6)
+
+
+def test_gradient_knows_when_an_object_turns_round_and_breaks_away():
+    """Over inputs so different that stops and starts move by several samples; sample by sample it would be 40 % off."""
+    wave = np.zeros((80, 2))
+    wave[:, 0] = 20.0 * np.sin(2.0 * np.pi * np.arange(80) / 60)
+    sizes = np.linspace(0.85, 1.15, 2001)
+    u = torch.from_numpy(sizes[:, None, None] * wave).requires_grad_()
+    states = rollout(torch.zeros(len(sizes), 8, dtype=torch.float64), u, *limits(1.0, 0.5, len(sizes)))
+    assert (states[..., 6].amin(1) < 0.0).all()
+    assert (states[..., 6].amax(1) > 0.0).all()
+    position = states[:, -1, 4]
+    position.sum().backward()
+    mean = (u.grad.numpy() * wave).sum((1, 2)).mean()
+    rise = (position[-1] - position[0]).item() / (sizes[-1] - sizes[0])
+    assert mean == pytest.approx(rise, rel=0.05)
+
+
+def test_gradient_is_tamed_below_the_speed_floor_only():
+    slow, fast = 0.5 * SPEED_FLOOR, 2 * SPEED_FLOOR
+    for speed, divisor in ((slow, SPEED_FLOOR), (fast, fast)):
+        # Across the direction of motion, dv+/dv = 1 - mu' g dt / |v|.
+        across = linearize(speed, 0.0, 0.0, 0.0, 0.0, 0.0, 9.8, 4.9, DT)[2]
+        assert across == pytest.approx(1 - 4.9 * DT / divisor)
+
+
+def test_cuda_kernels_give_the_same_motion_and_gradient():
+    """Runs the CUDA kernels in numba's simulator, so that it needs no GPU; a process of its own, as it must be."""
+    code = """
+import numpy as np, torch
+from train import rollout_cuda
+from train.rollout import rollout
+rng = np.random.default_rng(0)
+u = torch.from_numpy(rng.normal(0, 9, (3, 40, 2))).requires_grad_()
+start = torch.from_numpy(rng.normal(0, 0.2, (3, 8))).requires_grad_()
+limit = torch.full((3,), 9.8, dtype=torch.float64)
+grad = torch.from_numpy(rng.normal(0, 1, (3, 40, 8)))
+states = rollout(start, u, limit, limit / 2)
+states.backward(grad)
+got, got_start, got_u = np.empty((3, 40, 8)), np.empty((3, 8)), np.empty((3, 40, 2))
+inputs = (start.detach().numpy(), u.detach().numpy(), limit.numpy(), limit.numpy() / 2)
+rollout_cuda.forward[1, 4](*inputs, 1e-3, got)
+rollout_cuda.backward[1, 4](*inputs, 1e-3, got, grad.numpy(), got_start, got_u)
+assert np.abs(got - states.detach().numpy()).max() < 1e-12
+assert np.abs(got_u - u.grad.numpy()).max() < 1e-12
+assert np.abs(got_start - start.grad.numpy()).max() < 1e-12
+print("same")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.strip() == "same", done.stderr

@@ -1,0 +1,1 @@
+"""Batches: commands, starts, disturbances."""

@@ -1,0 +1,192 @@
+"""Evaluation of trained networks, as checkpoints or as bundles: tracking, pan reach, robustness to friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import torch
+
+from runtime import Friction, Planner
+from runtime.network.manifest import Manifest
+from train.batches.batches import Batch, make_batch
+from train.commands.families import FAMILIES, FloatArray, free_commands
+from train.config import TrainConfig
+from train.network.checkpoint import load_checkpoint, load_model
+from train.network.model import Seq2Seq
+from train.physics.closed_loop import decode
+
+SEED = 11
+COMMANDS = 64
+SAMPLES = 1200
+REACH = (0.03, 0.15)
+SPEED = 0.7
+NOMINAL = Friction()
+
+
+class Motions(NamedTuple):
+    """What a network made of B commands, on the commands' time line, all (B, K, 2): u in m/s^2, positions in m."""
+
+    u: FloatArray
+    pan_position: FloatArray
+    object_position: FloatArray
+
+
+class Follower(Protocol):
+    """Decodes one command from measured states, a chunk at a time; see `runtime.planner.Stream`."""
+
+    def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
+        """Give the accelerations (C, 2) (m/s^2) of the next chunk from the last C states, each (C, 4)."""
+
+
+class Subject(NamedTuple):
+    """A network under evaluation.
+
+    Attributes:
+        name: what it is called.
+        decode: decodes (B, K, 2) commands under a friction.
+        follow: begins to follow a (K, 2) command from measured states.
+        chunk: samples it decodes at a time, C.
+        origin: how it came about, for people: its training and the limits it is decoded with.
+    """
+
+    name: str
+    decode: Callable[[FloatArray, Friction], Motions]
+    follow: Callable[[FloatArray], Follower]
+    chunk: int
+    origin: str
+
+
+class Row(NamedTuple):
+    """Figures over one family of commands; RMSE and reach in metres, change of acceleration in m/s^2."""
+
+    rmse_mean: float
+    rmse_median: float
+    rmse_worst: float
+    still_mean: float
+    reach_mean: float
+    reach_worst: float
+    change_mean: float
+
+
+def load_subject(source: Path, name: str = "") -> Subject:
+    """Return the network of a run's folder, a checkpoint file or a bundle's folder.
+
+    Args:
+        source: its path.
+        name: what to call it; as its folder if empty.
+
+    Raises:
+        FormatError, BundleError: it is none of these.
+    """
+    name = name or (source.parent.name if source.is_file() else source.name)
+    if (source / "manifest.json").exists():
+        planner = Planner(source)
+        manifest = planner.bundle.manifest
+
+        def decode_bundle(position: FloatArray, friction: Friction) -> Motions:
+            plans = planner.plan_batch(list(position), friction=friction)
+            return Motions(
+                np.stack([plan.pan_acceleration for plan in plans]),
+                np.stack([plan.pan_position for plan in plans]),
+                np.stack([plan.object_position for plan in plans]),
+            )
+
+        origin = f"{_origin_of(manifest)}; limits in force"
+        return Subject(name, decode_bundle, planner.stream, manifest.chunk, origin)
+
+    checkpoint = load_checkpoint(source)
+    config, model = load_model(checkpoint)
+
+    def decode_network(position: FloatArray, friction: Friction) -> Motions:
+        batch, samples = position.shape[:2]
+        inputs = _held(position, config.chunk, friction)
+        with torch.no_grad():
+            motion = decode(model, inputs.command, inputs.static_limit, inputs.kinetic_limit)
+        states = np.concatenate([np.zeros((batch, 1, 8)), motion.states.numpy()], axis=1)[:, :samples]
+        return Motions(motion.u.numpy()[:, :samples], states[..., 0:2], states[..., 4:6])
+
+    origin = f"{_trained(config, checkpoint['epoch'], checkpoint.get('began_with'))}; no limits"
+    return Subject(name, decode_network, lambda position: NetworkStream(model, position), config.chunk, origin)
+
+
+def _origin_of(manifest: Manifest) -> str:
+    """Say on how much a bundle's network was trained; its manifest may say so in another way, or not at all."""
+    training = manifest.training
+    try:
+        config = TrainConfig.model_validate(training["configuration"])
+        return _trained(config, training["epochs"], training.get("began_with"))
+    except (KeyError, TypeError, ValueError):
+        return "training unknown"
+
+
+def _trained(config: TrainConfig, epochs: int, began_with: Mapping[str, str] | None) -> str:
+    """Say on how much a network was trained, and after what."""
+    after = f", after {began_with['name']}" if began_with else ""
+    return f"model {config.model}, {epochs * config.trajectories:,} trajectories{after}"
+
+
+def _held(position: FloatArray, chunk: int, friction: Friction) -> Batch:
+    """Hold (B, K, 2) commands at their last position to the next whole chunk."""
+    batch, samples = position.shape[:2]
+    held = np.concatenate([position, position[:, -1:].repeat(-samples % chunk, axis=1)], axis=1)
+    ones = np.ones(batch)
+    return make_batch(held, np.full(batch, samples), None, friction.static * ones, friction.kinetic * ones)
+
+
+class NetworkStream:
+    """`runtime.planner.Stream` for a network that is not exported.
+
+    Args:
+        model: the network.
+        position: (K, 2) where the object should be, from the origin (m).
+    """
+
+    def __init__(self, model: Seq2Seq, position: FloatArray) -> None:
+        command = _held(position[None], model.chunk, NOMINAL).command
+        chunks = command.reshape(1, -1, 4 * model.chunk).float()
+        with torch.no_grad():
+            self._state, self._decoder = model.encode(chunks), model.decoder(chunks)
+        self._iteration = 0
+
+    def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
+        """Give the next chunk's accelerations; see `Follower`."""
+        seen = torch.from_numpy(np.concatenate([pan_state, object_state], axis=1))[None]
+        with torch.no_grad():
+            output, self._state = self._decoder.step(self._iteration, seen, self._state)
+        self._iteration += 1
+        u: FloatArray = output.acceleration[0].double().numpy()
+        return u
+
+
+def commands_of(family: str, count: int = COMMANDS, seed: int = SEED) -> FloatArray:
+    """Draw the evaluation's commands of one family, (count, 1200, 2), none of which training draws."""
+    rng = np.random.default_rng([seed, list(FAMILIES).index(family)])
+    return free_commands(rng, count, SAMPLES, {family: 1.0}, REACH, SPEED, 1).position
+
+
+def tracking_rmse(object_position: FloatArray, position: FloatArray) -> FloatArray:
+    """RMS over time of the distance between object and command, (B,) in metres."""
+    squared = ((object_position - position) ** 2).sum(-1)
+    return np.asarray(np.sqrt(squared.mean(axis=1)))
+
+
+def evaluate(subject: Subject, family: str, friction: Friction = NOMINAL) -> Row:
+    """Evaluate a network on one family of commands."""
+    position = commands_of(family)
+    motions = subject.decode(position, friction)
+    error = tracking_rmse(motions.object_position, position)
+    still = tracking_rmse(np.zeros_like(position), position)
+    reach = np.linalg.norm(motions.pan_position, axis=-1).max(axis=1)
+    change = np.linalg.norm(np.diff(motions.u, axis=1), axis=-1).mean()
+    return Row(
+        float(error.mean()),
+        float(np.median(error)),
+        float(error.max()),
+        float(still.mean()),
+        float(reach.mean()),
+        float(reach.max()),
+        float(change),
+    )

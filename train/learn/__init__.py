@@ -1,0 +1,1 @@
+"""Learning: losses, optimizer, the trainer."""

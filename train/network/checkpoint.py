@@ -1,0 +1,52 @@
+"""Checkpoints: a network and what it was trained with, in one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from runtime.errors import FormatError
+from train.config import TrainConfig
+from train.network.model import Seq2Seq
+
+CHECKPOINT = "checkpoint.pt"
+CHECKPOINT_FORMAT = "slide-checkpoint/1"
+
+
+def build_model(config: TrainConfig) -> Seq2Seq:
+    """Return the configuration's network with freshly drawn weights."""
+    torch.manual_seed(config.seed)
+    return Seq2Seq(config.units, config.chunk, config.layers, config.command_ahead, config.acceleration_bound)
+
+
+def load_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a checkpoint, or the one in a run's folder, without running any code in it.
+
+    Raises:
+        FormatError: there is none, it is damaged, or of another format.
+    """
+    if path.is_dir():
+        path = path / CHECKPOINT
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError:
+        raise FormatError(f"{path}: no such checkpoint") from None
+    except Exception as error:  # torch raises whatever its reader meets in a damaged file
+        raise FormatError(f"{path}: not a readable checkpoint ({type(error).__name__})") from error
+    if not isinstance(checkpoint, dict) or checkpoint.get("format") != CHECKPOINT_FORMAT:
+        raise FormatError(f"{path}: not a checkpoint of format {CHECKPOINT_FORMAT}")
+    return checkpoint
+
+
+def load_model(checkpoint: dict[str, Any]) -> tuple[TrainConfig, Seq2Seq]:
+    """Return a checkpoint's configuration and the network to evaluate or export."""
+    config = TrainConfig.model_validate(checkpoint["config"])
+    model = build_model(config)
+    if config.average > 0:
+        weights = {k.removeprefix("module."): v for k, v in checkpoint["average"].items() if k.startswith("module.")}
+    else:
+        weights = checkpoint["model"]
+    model.load_state_dict(weights)
+    return config, model.eval()

@@ -1,0 +1,1 @@
+"""The law of friction, differentiable, and the closed loop through it."""
