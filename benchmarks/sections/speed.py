@@ -40,7 +40,7 @@ PROCESS_ROUNDS = 5
 
 LARGE_ROUNDS = 12
 
-SLIDE_PLAN = "from runtime.cli import plan_main; plan_main()"
+SLIDE_PLAN = "from runtime.cli.plan import plan_main; plan_main()"
 """What the installed script `slide-plan` runs."""
 
 

@@ -16,6 +16,7 @@ from benchmarks.sections import accuracy, control, speed, training
 from benchmarks.sections import long as endurance
 from benchmarks.sections import refine as refinement
 from benchmarks.suite.families import FRICTION_GRID
+from runtime.network.reader import Window
 from train.config import CONFIGURATIONS
 
 FIGURES = {
@@ -50,7 +51,7 @@ def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
         ("COMMANDS", 1),
         ("SHORT", 1),
         ("SEEDS", 1),
-        ("WINDOWS", ((None, 3), (5, 2))),
+        ("WINDOWS", (Window(unread=3), Window(5, 2))),
     ):
         monkeypatch.setattr(endurance, name, value)
     measure = training.measure

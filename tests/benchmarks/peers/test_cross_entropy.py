@@ -76,4 +76,4 @@ def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
     assert [row["times"] for row in rows] == pytest.approx([row["cpu"] / rows[0]["cpu"] for row in rows])
     progress = done.stderr.splitlines()
     assert "minutes of one core: tiny " in progress[0]
-    assert progress[1:] == [f"benchmarks.peers: spline, 2 commands: {row['planner']}" for row in rows]
+    assert progress[1:] == [f"benchmarks.sections.peers: spline, 2 commands: {row['planner']}" for row in rows]

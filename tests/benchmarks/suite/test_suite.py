@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.suite import suite
+from benchmarks.suite import families, suite
 from benchmarks.suite.families import FRICTION_GRID, NOMINAL, Family, lengths
 from benchmarks.suite.suite import FAMILIES
 from runtime.command import Command
@@ -49,8 +49,8 @@ def test_the_suite_is_the_one_of_before(name: str) -> None:
 
 
 def test_a_family_does_not_depend_on_which_others_were_drawn_before() -> None:
-    again = suite.stops.__wrapped__()
-    assert checksum(again.positions) == checksum(suite.stops().positions)
+    again = families.stops.__wrapped__()
+    assert checksum(again.positions) == checksum(families.stops().positions)
 
 
 def test_families_have_the_numbers_and_lengths_they_claim(family: Family) -> None:
@@ -84,7 +84,7 @@ def test_spline_commands_reach_as_far_as_they_are_meant_to(name: str) -> None:
 
 
 def test_spline_accelerations_are_smooth_over_the_knots() -> None:
-    for position in suite.spline().positions:
+    for position in families.spline().positions:
         acceleration = np.diff(position, 2, axis=0) / DT**2
         largest = np.abs(acceleration).max()
         # A cubic B-spline with knots 0.15 s apart changes by a small share of its size within 1 ms.
@@ -94,7 +94,7 @@ def test_spline_accelerations_are_smooth_over_the_knots() -> None:
 def test_a_spline_is_the_cubic_b_spline_of_its_control_points() -> None:
     interpolate = pytest.importorskip("scipy.interpolate")
     spacing, samples = 0.2137, 1200
-    position = suite.spline_position(np.random.default_rng(3), samples, 0.1, spacing)
+    position = families.spline_position(np.random.default_rng(3), samples, 0.1, spacing)
     t = np.arange(samples) * DT
     control = np.random.default_rng(3).standard_normal((int(t[-1] / spacing) + 4, 2))
     knots = (np.arange(len(control) + 4) - 3) * spacing
@@ -107,7 +107,7 @@ def test_a_spline_is_the_cubic_b_spline_of_its_control_points() -> None:
 
 
 def test_shapes_close_after_exactly_one_cycle() -> None:
-    family = suite.shapes()
+    family = families.shapes()
     for label, position in zip(family.labels, family.positions, strict=True):
         radius = float(label.split()[-2])
         end = 2.0 * radius if label.startswith("point to point") else 0.0
@@ -118,16 +118,16 @@ def test_shapes_close_after_exactly_one_cycle() -> None:
 
 
 def test_stops_rest_after_each_move_and_stay_near_the_origin() -> None:
-    family = suite.stops()
+    family = families.stops()
     for label, position in zip(family.labels, family.positions, strict=True):
         moves = int(label.split(", ")[1].split()[0])
         moving = lengths(np.diff(position, axis=0)) > 1e-9
         begins = np.flatnonzero(np.diff(moving.astype(int), prepend=0) == 1)
         assert len(begins) == moves
         assert not moving[-10:].any()
-        assert lengths(position).max() <= suite.STOPS_RADIUS + 1e-12
+        assert lengths(position).max() <= families.STOPS_RADIUS + 1e-12
         acceleration = lengths(np.diff(position, 2, axis=0)) / DT**2
-        assert acceleration.max() <= suite.STOPS_MAX_ACCELERATION * 1.001
+        assert acceleration.max() <= families.STOPS_MAX_ACCELERATION * 1.001
 
 
 def test_only_the_family_friction_leaves_the_nominal_friction(family: Family) -> None:
@@ -136,7 +136,7 @@ def test_only_the_family_friction_leaves_the_nominal_friction(family: Family) ->
         return
     assert NOMINAL in FRICTION_GRID
     assert all(each.kinetic <= each.static for each in FRICTION_GRID)
-    spline = suite.spline().positions
+    spline = families.spline().positions
     for index, friction in enumerate(FRICTION_GRID):
         cell = slice(index * len(spline), (index + 1) * len(spline))
         assert set(family.frictions[cell]) == {friction}

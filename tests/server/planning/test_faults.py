@@ -259,7 +259,7 @@ def test_planning_process_killed_while_nothing_is_planned_is_replaced(
 
 
 FAILING = """
-from runtime.bundle import Bundle
+from runtime.network.bundle import Bundle
 from server.planning import worker
 
 load, decode_step = worker.prepared_planner, Bundle.decode_step

@@ -25,7 +25,7 @@ TOGETHER = """
 import json, sys
 from pathlib import Path
 from train.config import load_config
-from train.parallel import process_group, rank
+from train.learn.parallel import process_group, rank
 from train.learn.trainer import Trainer
 
 folder, losses = Path(sys.argv[1]), []

@@ -127,8 +127,8 @@ def test_cuda_kernels_give_the_same_motion_and_gradient():
     """Runs the CUDA kernels in numba's simulator, so that it needs no GPU; a process of its own, as it must be."""
     code = """
 import numpy as np, torch
-from train import rollout_cuda
-from train.rollout import rollout
+from train.physics import cuda as rollout_cuda
+from train.physics.rollout import rollout
 rng = np.random.default_rng(0)
 u = torch.from_numpy(rng.normal(0, 9, (3, 40, 2))).requires_grad_()
 start = torch.from_numpy(rng.normal(0, 0.2, (3, 8))).requires_grad_()
