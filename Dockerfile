@@ -1,4 +1,4 @@
-# The server in a container: CPU only, no root, nothing written. docs/deploy.md says how to run it.
+# The server in a container: CPU only, no root, nothing written. docs/guide/deploy.md says how to run it.
 ARG PYTHON=python:3.11-slim
 
 FROM ${PYTHON} AS build

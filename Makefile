@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm serve test nightly check bench bench-server soak clean
+.PHONY: help run demo-arm serve test nightly check docs bench bench-server soak clean
 
 help: ## list the verbs
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -30,10 +30,13 @@ test: $(VENV)/dev.stamp ## run every test
 nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind
 	SLIDE_SEQUENCES=100000 $(BIN)/python -m pytest tests/runtime/test_governor.py --durations 5 --timeout 14400
 
-check: $(VENV)/dev.stamp ## lint, formatting and types
+check: $(VENV)/dev.stamp docs ## lint, formatting, types, and the documentation with its links
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 bench: $(VENV)/dev.stamp ## accuracy on the suite, and speed beside torch
 	$(BIN)/slide-bench

@@ -25,6 +25,8 @@ from runtime.quality import Quality, Status
 from runtime.start import Start
 from runtime.stream import Stream, StreamStatus
 
+__version__ = "0.2.0"
+
 __all__ = [
     "BundleError",
     "Command",
@@ -44,5 +46,6 @@ __all__ = [
     "Status",
     "Stream",
     "StreamStatus",
+    "__version__",
     "compile_law",
 ]

@@ -19,28 +19,25 @@ def test_python_example_runs_and_plans(tmp_path, monkeypatch):
     exec(block, names)
     plan = names["plan"]
     assert plan.quality.status in ("ok", "governed")
-    assert names["careful"].quality.pan_reach <= 0.15
-    assert names["stop"].ndim == 2
     assert plan.quality.tracking_rmse < 0.01
     assert (tmp_path / "plan.json").exists()
-    assert len(names["plans"]) == 2
-    assert names["u"].shape == (100, 2)
+    assert len(names["u"]) == names["chunk"]
+    assert names["stop"].ndim == 2
 
 
 def test_every_program_shown_is_installed_by_the_project():
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     shown = set(re.findall(r"\bslide-[a-z]+\b", README)) - {"slide-planner"}
     assert shown <= set(scripts)
-    assert set(scripts) - {"slide-bench"} <= shown
 
 
 def test_every_verb_shown_is_in_the_makefile():
     verbs = set(re.findall(r"^    make ([a-z]+)", README, flags=re.MULTILINE))
-    assert {"run", "test", "check", "bench", "help"} <= verbs
+    assert {"run", "test", "check", "docs", "help"} <= verbs
     targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
     assert verbs <= targets
 
 
-@pytest.mark.parametrize("target", sorted(set(re.findall(r"\]\(([^)#]+)\)", README))))
+@pytest.mark.parametrize("target", sorted(set(re.findall(r"\]\(([^)#\s]+)\)", README))))
 def test_every_file_linked_is_there(target):
-    assert (ROOT / target).exists()
+    assert target.startswith("https://doi.org/") or (ROOT / target).exists()

@@ -1,0 +1,126 @@
+"""Fills pages of the site with what the programs say of themselves, so that no page can differ from the code.
+
+A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a request's
+names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import PydanticUndefined
+
+from server.app import create_app
+from server.problems import TITLES
+from server.settings import Settings
+
+ROOT = Path(__file__).parents[1]
+
+WIDTH = 100
+"""Columns of a help text: what fits beside the page's menus."""
+
+PROGRAM = re.compile(r"^<!-- program: (slide-[a-z]+) -->$", flags=re.MULTILINE)
+SCHEMA = re.compile(r"^<!-- schema: ([A-Za-z]+) -->$", flags=re.MULTILINE)
+
+
+def on_config(config: Any) -> Any:
+    """Put every decision into the menu."""
+    pages = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
+    config.nav.append({"Decisions": ["decisions/index.md", *(f"decisions/{page.name}" for page in pages)]})
+    return config
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Replace the marks of one page."""
+    markdown = PROGRAM.sub(lambda found: f"```text\n{help_of(found[1])}\n```", markdown)
+    markdown = SCHEMA.sub(lambda found: schema_table(found[1]), markdown)
+    markdown = markdown.replace("<!-- settings -->", settings_table())
+    return markdown.replace("<!-- problems -->", problems_table())
+
+
+def programs() -> dict[str, str]:
+    """Return the entry point of every program by its name."""
+    scripts: dict[str, str] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    return scripts
+
+
+def help_of(program: str) -> str:
+    """Return what a program prints for --help.
+
+    Raises:
+        RuntimeError: it fails.
+    """
+    module, function = programs()[program].split(":")
+    done = subprocess.run(
+        [sys.executable, "-c", f"from {module} import {function}; {function}()", "--help"],
+        cwd=ROOT,
+        env={**os.environ, "COLUMNS": str(WIDTH), "TERMINAL_WIDTH": str(WIDTH), "NO_COLOR": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise RuntimeError(f"{program} --help failed: {done.stderr.strip()[-500:]}")
+    return done.stdout.strip()
+
+
+def schema_table(name: str) -> str:
+    """Return the names of a request, of the server's own description: what each takes, and whether it is needed."""
+    schema = create_app(Settings()).openapi()["components"]["schemas"][name]
+    needed = schema.get("required", [])
+    rows = ["| name | value | |", "|---|---|---|"]
+    for key, about in schema["properties"].items():
+        remark = [about["description"]] if "description" in about else []
+        remark += ["Needed."] if key in needed else []
+        rows.append(f"| `{key}` | {_type(about)} | {' '.join(remark)} |")
+    return "\n".join(rows)
+
+
+def settings_table() -> str:
+    """Return every setting of the server: its variable, its default, its range and what it is."""
+    rows = ["| variable | default | range | what it is |", "|---|---|---|---|"]
+    for name, field in Settings.model_fields.items():
+        default = "none" if field.default in (None, PydanticUndefined) else f"`{_shown(field.default)}`"
+        rows.append(f"| `SLIDE_{name.upper()}` | {default} | {_range(field.metadata)} | {field.description} |")
+    return "\n".join(rows)
+
+
+def problems_table() -> str:
+    """Return every problem document that the server may answer with."""
+    rows = ["| type | status | title |", "|---|---|---|"]
+    rows += [f"| `{name}` | {status} | {title} |" for name, (status, title) in TITLES.items()]
+    return "\n".join(rows)
+
+
+def _type(about: dict[str, Any]) -> str:
+    if "$ref" in about:
+        return str(about["$ref"]).rsplit("/", 1)[-1].removesuffix("Request").lower()
+    if "anyOf" in about:
+        return " or ".join(_type(each) for each in about["anyOf"] if each.get("type") != "null")
+    if about.get("type") == "array":
+        if "prefixItems" in about:
+            return "[x, y]" if len(about["prefixItems"]) == 2 else "[x, y, z]"
+        return f"list of {_type(about['items'])}"
+    if "enum" in about:
+        return " or ".join(f"`{each}`" for each in about["enum"])
+    return str(about.get("type", "any"))
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _range(metadata: list[Any]) -> str:
+    bounds: dict[str, Any] = {}
+    for each in metadata:
+        bounds |= {name: getattr(each, name) for name in ("gt", "ge", "lt", "le") if hasattr(each, name)}
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+    return ", ".join(f"{signs[name]} {_shown(value)}" for name, value in bounds.items() if value is not None)
