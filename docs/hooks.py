@@ -1,7 +1,7 @@
 """Fills pages of the site with what the programs say of themselves, so that no page can differ from the code.
 
-A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a request's
-names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents.
+A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a
+request's names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents.
 """
 
 from __future__ import annotations

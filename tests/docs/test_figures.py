@@ -80,7 +80,9 @@ def test_modules_that_are_run_exist() -> None:
     for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *pages()):
         for module in re.findall(r"python -m ([a-z_.]+)", path.read_text(encoding="utf-8")):
             parts = module.split(".")
-            assert ROOT.joinpath(*parts).with_suffix(".py").exists() or ROOT.joinpath(*parts, "__main__.py").exists(), module
+            assert ROOT.joinpath(*parts).with_suffix(".py").exists() or ROOT.joinpath(*parts, "__main__.py").exists(), (
+                module
+            )
 
 
 def test_files_that_are_named_exist() -> None:
