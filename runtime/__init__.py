@@ -24,8 +24,7 @@ from runtime.planner import Planner
 from runtime.quality import Quality, Status
 from runtime.start import Start
 from runtime.stream import Stream, StreamStatus
-
-__version__ = "0.2.0"
+from runtime.version import __version__
 
 __all__ = [
     "BundleError",

@@ -5,43 +5,33 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from runtime.documents.options import option
 from runtime.errors import InputError
 
 
 @dataclass(frozen=True)
 class ArmOptions:
-    """The options of the simulated arm; what is None or False was not given.
+    """The options of the simulated arm.
 
-    Attributes:
-        closed_loop: decode again, with the measured states, every chunk.
-        model: bundle folder for that; the shipped one if None.
-        server: address of a server that decodes instead.
-        paper_control: the controller as Fig. 7 draws it.
-        gui: open the simulator's window, and run no faster than real time.
-        video: film to write, .mp4.
-        friction: coefficient between pan and object.
-        object_mass: (kg).
-        noise: standard deviation of the measured object position (m).
-        seed: of the noise.
-        disturb: what is done to the object; see `runtime.arm.disturbance`.
+    What is None, False or empty was not given. Each field is an option of `slide-run`, told by its metadata.
     """
 
-    closed_loop: bool = False
-    model: Path | None = None
-    server: str | None = None
-    paper_control: bool = False
-    gui: bool = False
-    video: Path | None = None
-    friction: float | None = None
-    object_mass: float | None = None
-    noise: float | None = None
-    seed: int | None = None
-    disturb: tuple[str, ...] = ()
+    closed_loop: bool = option("Decode again with what is measured.", False)
+    model: Path | None = option("Bundle for it: a folder, or a shipped one.", metavar="DIR")
+    server: str | None = option("Closed loop through this server instead.", metavar="URL")
+    paper_control: bool = option("Control without feed-forward and gravity terms.", False)
+    gui: bool = option("Open the simulator's window, no faster than real time.", False)
+    video: Path | None = option("Film to write.", metavar="MP4")
+    friction: float | None = option("Friction in the simulator; 0.5 if not given.", metavar="MU")
+    object_mass: float | None = option("Mass of the object; 0.1 kg if not given.", metavar="KG")
+    noise: float | None = option("Spread of the measured object position (m).", metavar="M")
+    seed: int | None = option("Seed of the noise.")
+    disturb: tuple[str, ...] = option("push@T=FX,FY (N) or friction@T=MU; may be repeated.", (), metavar="WHAT")
 
     @property
     def given(self) -> list[str]:
         """The options that were given, as they are written."""
-        given = [field.name for field in fields(self) if getattr(self, field.name) != field.default]
+        given = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
         return [f"--{name.replace('_', '-')}" for name in given]
 
     def refuse_without_pybullet(self) -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import inspect
 import json
 import sys
 from collections.abc import Callable, Iterable
-from typing import Annotated, Any
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import typer
 
 from runtime.errors import SlideError
+from runtime.version import __version__
 
 MM = 1e3
 """Millimetres in a metre."""
@@ -26,13 +29,20 @@ def run(name: str, command: Callable[..., None]) -> None:
 
     Args:
         name: the program's name, for its messages.
-        command: what it does; its parameters are the program's.
+        command: what it does; its parameters are the program's. A parameter that is a dataclass stands for its fields:
+            each is an option, with the `help` and the `metavar` of its metadata.
     """
+    groups, parameters = _parameters(command)
 
     @functools.wraps(command)
-    def guarded(*args: Any, **kwargs: Any) -> None:
+    def guarded(**given: Any) -> None:
+        del given["version"]
         try:
-            command(*args, **kwargs)
+            for group, kind in groups.items():
+                given[group] = kind(
+                    **{field.name: _value(field, given.pop(field.name)) for field in dataclasses.fields(kind)}
+                )
+            command(**given)
             sys.stdout.flush()  # a closed pipe shows here, and not in a traceback at the interpreter's end
         except SlideError as error:
             say(name, f"error: {error}")
@@ -45,9 +55,56 @@ def run(name: str, command: Callable[..., None]) -> None:
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
 
+    guarded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    guarded.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     app.command(name)(guarded)
     app(prog_name=name)
+
+
+def _parameters(command: Callable[..., None]) -> tuple[dict[str, type[Any]], list[inspect.Parameter]]:
+    """Return the dataclasses among a function's parameters, and the parameters of the program that it is."""
+    groups: dict[str, type[Any]] = {}
+    parameters = []
+    hints = get_type_hints(command, include_extras=True)
+    for parameter in inspect.signature(command).parameters.values():
+        hint = hints[parameter.name]
+        if dataclasses.is_dataclass(hint):
+            groups[parameter.name] = cast(type[Any], hint)
+            parameters += [_option(field, kind) for field, kind in _fields(cast(type[Any], hint))]
+        else:
+            parameters.append(parameter.replace(annotation=hint))
+    shown = typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
+    kind = inspect.Parameter.KEYWORD_ONLY
+    parameters.append(inspect.Parameter("version", kind, default=False, annotation=Annotated[bool, shown]))
+    return groups, [parameter.replace(kind=kind) for parameter in parameters]
+
+
+def _fields(kind: type[Any]) -> Iterable[tuple[dataclasses.Field[Any], Any]]:
+    hints = get_type_hints(kind)
+    return [(field, hints[field.name]) for field in dataclasses.fields(kind)]
+
+
+def _option(field: dataclasses.Field[Any], hint: Any) -> inspect.Parameter:
+    """Return the option of a dataclass's field; a tuple is an option that may be repeated."""
+    default = field.default
+    if get_origin(hint) is tuple:
+        hint, default = list[get_args(hint)[0]] | None, None  # type: ignore[misc]
+    option = typer.Option(f"--{field.name.replace('_', '-')}", **field.metadata)
+    return inspect.Parameter(
+        field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[hint, option]
+    )
+
+
+def _value(field: dataclasses.Field[Any], given: Any) -> Any:
+    """Return what a field was given; an option that may be repeated gives a list, and None if it was not given."""
+    return tuple(given or ()) if isinstance(field.default, tuple) else given
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        print(__version__)
+        raise typer.Exit
 
 
 def say(name: str, message: str) -> None:

@@ -32,38 +32,10 @@ def slide_run(
     pybullet: Annotated[
         bool, typer.Option("--pybullet", help="Execute on a simulated arm; what follows is for it.")
     ] = False,
-    closed_loop: Annotated[bool, typer.Option("--closed-loop", help="Decode again with what is measured.")] = False,
-    model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle for it: a folder, or a shipped one.", metavar="DIR")
-    ] = None,
-    server: Annotated[
-        str | None, typer.Option("--server", help="Closed loop through this server instead.", metavar="URL")
-    ] = None,
-    paper_control: Annotated[
-        bool, typer.Option("--paper-control", help="Control without feed-forward and gravity terms.")
-    ] = False,
-    gui: Annotated[bool, typer.Option("--gui", help="Open the simulator's window.")] = False,
-    video: Annotated[Path | None, typer.Option("--video", help="Film to write.", metavar="MP4")] = None,
-    friction: Annotated[
-        float | None, typer.Option("--friction", help="Friction in the simulator; 0.5 if not given.", metavar="MU")
-    ] = None,
-    object_mass: Annotated[
-        float | None, typer.Option("--object-mass", help="Mass of the object; 0.1 kg if not given.", metavar="KG")
-    ] = None,
-    noise: Annotated[
-        float | None, typer.Option("--noise", help="Spread of the measured object position (m).", metavar="M")
-    ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed of the noise.")] = None,
-    disturb: Annotated[
-        list[str] | None,
-        typer.Option("--disturb", help="push@T=FX,FY (N) or friction@T=MU; may be repeated.", metavar="WHAT"),
-    ] = None,
+    arm: ArmOptions = ArmOptions(),
     as_json: AsJson = False,
 ) -> None:
     """Replay a plan on the law of friction, maybe under another friction, or execute it on a simulated arm."""
-    arm = ArmOptions(
-        closed_loop, model, server, paper_control, gui, video, friction, object_mass, noise, seed, tuple(disturb or ())
-    )
     if pybullet:
         if static is not None or kinetic is not None:
             raise InputError("--static and --kinetic are of the replay: give --friction with --pybullet")

@@ -1,0 +1,17 @@
+"""Settings as a frozen dataclass whose fields are options of a program too: `runtime.cli.console.run` reads them."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Any
+
+
+def option(help: str, default: Any = None, metavar: str | None = None) -> Any:
+    """Return a dataclass field that is an option.
+
+    Args:
+        help: what it does, for `--help`.
+        default: its value where it is not given.
+        metavar: what stands for its value in `--help`.
+    """
+    return field(default=default, metadata={"help": help, "metavar": metavar})
