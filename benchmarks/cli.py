@@ -25,13 +25,14 @@ from benchmarks.sections import long as endurance
 from benchmarks.sections import refine as refinement
 from runtime.cli.console import DONE_BUT_MISSED, AsJson, print_json, run, say
 from runtime.documents.files import check_writable, write_whole
+from runtime.errors import install_line
 from runtime.friction import Friction
 from runtime.planner import Planner
 
 NAME = "slide-bench"
 FORMAT = "slide-bench/1"
 
-TRAIN_EXTRA = "pip install 'slide-planner[train]'"
+TRAIN_EXTRA = install_line("train")
 
 
 class Section(StrEnum):

@@ -42,6 +42,11 @@ class ServerError(SlideError):
     """A server cannot be reached, refuses, or does not answer as agreed; what it says is passed on."""
 
 
+def install_line(name: str) -> str:
+    """Return what to type for an extra, in a checkout and with a wheel."""
+    return f"pip install './[{name}]' in a checkout, 'FILE.whl[{name}]' with a wheel"
+
+
 @contextmanager
 def extra(name: str) -> Iterator[None]:
     """Import inside this what an extra brings.
@@ -52,4 +57,4 @@ def extra(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise MissingExtraError(f"{error.name} is not installed: pip install 'slide-planner[{name}]'") from error
+        raise MissingExtraError(f"{error.name} is not installed: {install_line(name)}") from error

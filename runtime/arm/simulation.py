@@ -26,7 +26,7 @@ from runtime.arm.controller import (
 from runtime.arm.interface import Measured, ObjectStatus, PanCommand
 from runtime.arm.urdf import ARM_URDF
 from runtime.documents.checks import FloatArray
-from runtime.errors import InputError, MissingExtraError
+from runtime.errors import InputError, MissingExtraError, install_line
 from runtime.physics.law import DT, GRAVITY
 
 SUBSTEPS = 4
@@ -104,9 +104,9 @@ def import_pybullet() -> Any:
         with _quiet_stderr():  # it prints when it was built
             import pybullet
     except ImportError as error:
-        line = "the simulated arm needs pybullet: pip install 'slide-planner[pybullet]'"
+        line = f"the simulated arm needs pybullet: {install_line('pybullet')}"
         if sys.version_info >= (3, 12):
-            line += " in an environment of Python 3.11, since there is no pybullet wheel for newer ones"
+            line += "; in an environment of Python 3.11, since there is no pybullet wheel for newer ones"
         raise MissingExtraError(line) from error
     return pybullet
 

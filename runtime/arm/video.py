@@ -14,7 +14,7 @@ from runtime.arm.interface import Measured
 from runtime.arm.run import Hook
 from runtime.arm.simulation import SimulatedArm
 from runtime.documents.checks import FloatArray
-from runtime.errors import MissingExtraError, OutputError
+from runtime.errors import MissingExtraError, OutputError, install_line
 from runtime.physics.law import DT
 
 Image = NDArray[np.uint8]
@@ -160,7 +160,7 @@ def _ffmpeg() -> Any:
 
         imageio_ffmpeg.get_ffmpeg_exe()
     except ImportError as error:
-        raise MissingExtraError("--video needs imageio-ffmpeg: pip install 'slide-planner[pybullet]'") from error
+        raise MissingExtraError(f"--video needs imageio-ffmpeg: {install_line('pybullet')}") from error
     except RuntimeError as error:
         raise MissingExtraError(
             "--video needs ffmpeg, which imageio-ffmpeg did not find: install it, or set IMAGEIO_FFMPEG_EXE"

@@ -215,7 +215,7 @@ def test_without_torch_its_rows_are_left_out_with_the_line_that_installs_it(
     results = json.loads(captured.out)
     assert "training" not in results
     assert results["speed"]["single"]["torch_samples_per_second"] is None
-    lines = [note for note in results["notes"] if "pip install 'slide-planner[train]'" in note]
+    lines = [note for note in results["notes"] if "pip install './[train]' in a checkout" in note]
     assert [line.split(" is left out: ")[0] for line in lines] == ["torch eager", "the optimizer", "training"]
     assert all(f"slide-bench: note: {line}" in captured.err for line in lines)
 

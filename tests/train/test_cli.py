@@ -122,7 +122,7 @@ def test_missing_extra_is_one_line_that_says_what_to_install(folder, main, argum
     )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert f"{package} is not installed: pip install 'slide-planner[train]'" in done.stderr
+    assert f"{package} is not installed: pip install './[train]' in a checkout" in done.stderr
 
 
 def test_interrupted_run_says_how_to_go_on(folder):

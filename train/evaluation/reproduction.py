@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import Friction
 from runtime.cli.console import MM
-from runtime.errors import MissingExtraError, OutputError
+from runtime.errors import MissingExtraError, OutputError, install_line
 from train.commands.families import FloatArray
 from train.evaluation import arm as arm
 from train.evaluation.arm import ArmRow
@@ -53,7 +53,7 @@ def reproduce(subjects: Sequence[Subject], folder: Path, arm_rows: ArmRows | Non
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise MissingExtraError("pictures need matplotlib: pip install 'slide-planner[report]'") from error
+        raise MissingExtraError(f"pictures need matplotlib: {install_line('report')}") from error
     try:
         folder.mkdir(parents=True, exist_ok=True)
         figures = {

@@ -96,7 +96,8 @@ def test_missing_pybullet_is_said_with_the_pip_command(
     code, _, err = slide_run(shake_file, "--pybullet")
     assert (code, err) == (
         2,
-        "slide-run: error: the simulated arm needs pybullet: pip install 'slide-planner[pybullet]'\n",
+        "slide-run: error: the simulated arm needs pybullet: pip install './[pybullet]' in a checkout, "
+        "'FILE.whl[pybullet]' with a wheel\n",
     )
     monkeypatch.setattr(sys, "version_info", (3, 12, 1))
     code, _, err = slide_run(shake_file, "--pybullet")
@@ -112,7 +113,8 @@ def test_film_without_ffmpeg_is_refused_before_the_run(
     code, _, err = slide_run(shake_file, "--pybullet", "--video", film)
     assert (code, err) == (
         2,
-        "slide-run: error: --video needs imageio-ffmpeg: pip install 'slide-planner[pybullet]'\n",
+        "slide-run: error: --video needs imageio-ffmpeg: pip install './[pybullet]' in a checkout, "
+        "'FILE.whl[pybullet]' with a wheel\n",
     )
     assert not film.exists()
 
