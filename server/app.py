@@ -60,6 +60,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.include_router(plans.router)
     app.include_router(stream.router)
     _add_views(app, service)
+    app.mount("/viewer", StaticFiles(packages=[("runtime.report", "viewer")]))  # what the page shares with the report
     # Not a mount: one at "/" would take what other routes refuse, and a wrong method would be not found.
     app.router.default = StaticFiles(directory=STATIC, html=True)
     app.openapi = partial(describe, app)  # type: ignore[method-assign]

@@ -1,13 +1,15 @@
 """A plan as a page to look at: one HTML file with the pan animated from above and plots linked to it.
 
-The file stands alone: the template beside this module with the plan's numbers in one JSON block; it asks nothing of
-the network and works from a file:// address. `#t=0.6` at the end of the address opens it at that time (s), and
-`#t=0.6&frame=pan` with the pan held still.
+The file stands alone: the template beside this module with the viewer's style sheet and modules, which the server's
+page uses too, written into it as one script, and the plan's numbers in one JSON block. It asks nothing of the network
+and works from a file:// address. `#t=0.6` at the end of the address opens it at that time (s), and `#t=0.6&frame=pan`
+with the pan held still.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -21,7 +23,6 @@ from numpy.typing import NDArray
 from runtime.documents.checks import FloatArray, table, text
 from runtime.documents.files import write_whole
 from runtime.errors import InputError
-from runtime.physics.law import GRAVITY
 from runtime.plan import Plan
 
 PAN_RADIUS = 0.18
@@ -36,8 +37,11 @@ DECIMALS = 6
 MAX_SAMPLES = 6000
 """Most samples written for drawing; of a longer plan every n-th is taken, its figures are of all samples."""
 
-PLACEHOLDER = "@@REPORT@@"
-"""Where the template takes the data."""
+FILES = files("runtime.report")
+"""Where the template lies, the report's own module, and the viewer's."""
+
+IMPORT = re.compile(r'^import \{[^}]*\} from "\./(?:viewer/)?(\w+\.js)";\n', re.MULTILINE)
+"""A module's import of another: names as they are called there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +103,12 @@ def render_report(plan: Plan, tracks: Sequence[Track] = ()) -> str:
             raise InputError(f"track {track.name!r} has {count} samples, the plan has {len(plan)}")
     # Only `<` could end the script block or open a comment in it; inside JSON it stands in strings alone.
     data = json.dumps(_document(plan, tracks), allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")
-    template = files("runtime.report").joinpath("report.html").read_text(encoding="utf-8")
-    return template.replace(PLACEHOLDER, data)
+    # The data come last: a name in them may look like a placeholder.
+    parts = {"STYLE": _read("viewer.css"), "SCRIPT": _script(), "REPORT": data}
+    page = _read("report.html")
+    for name, part in parts.items():
+        page = page.replace(f"@@{name}@@", part.rstrip(), 1)
+    return page
 
 
 def write_report(path: str | PathLike[str], plan: Plan, tracks: Sequence[Track] = ()) -> None:
@@ -118,27 +126,46 @@ def write_report(path: str | PathLike[str], plan: Plan, tracks: Sequence[Track] 
     write_whole(Path(path), render_report(plan, tracks).encode("utf-8"))
 
 
+def _read(name: str) -> str:
+    """Return a file of the report or of the viewer."""
+    own = name.startswith("report.")
+    return (FILES if own else FILES.joinpath("viewer")).joinpath(name).read_text(encoding="utf-8")
+
+
+def _script() -> str:
+    """Return the report's module after all that it imports, as one script without imports."""
+    sources: dict[str, str] = {}
+
+    def add(name: str) -> None:
+        source = _read(name)
+        for imported in IMPORT.findall(source):
+            if imported not in sources:
+                add(imported)
+        sources[name] = re.sub(r"^export ", "", IMPORT.sub("", source), flags=re.MULTILINE)
+
+    add("report.js")
+    return "\n".join(f"// {name}\n{source}" for name, source in sources.items())
+
+
 def _document(plan: Plan, tracks: Sequence[Track]) -> dict[str, Any]:
-    """Return what the page is drawn from: the plan's document with its arrays thinned and rounded, and more."""
+    """Return what the page is drawn from: the plan's document with its rows thinned and rounded.
+
+    With it comes what can no longer be told from the rows (their times, the slip phases, the number of samples), and
+    what is drawn beside the plan.
+    """
     drawn = _drawn_samples(len(plan))
+    document = plan.document()
+    rows = {
+        group: {name: _rounded(values[drawn]) for name, values in document[group].items()}
+        for group in ("command", "pan", "object")
+    }
     return {
-        "dt": plan.dt,
-        "samples": len(plan),
+        **{name: document[name] for name in ("dt", "model", "friction", "quality")},
+        **rows,
         "time": _rounded(drawn * plan.dt),
-        "model": {"name": plan.model_name, "sha256": plan.model_sha256},
-        "friction": {"static": plan.friction.static, "kinetic": plan.friction.kinetic, "gravity": GRAVITY},
-        "radius": {"pan": PAN_RADIUS, "object": OBJECT_RADIUS},
-        "command": {"position": _rounded(plan.command_position[drawn])},
-        "pan": {
-            "acceleration": _rounded(plan.pan_acceleration[drawn]),
-            "position": _rounded(plan.pan_position[drawn]),
-        },
-        "object": {
-            "position": _rounded(plan.object_position[drawn]),
-            "speed": _rounded(_lengths(plan.object_velocity[drawn])),
-        },
         "slip": [_rounded(np.array(phase) * plan.dt) for phase in slip_phases(plan.object_velocity)],
-        "quality": plan.quality.to_dict(),
+        "samples": len(plan),
+        "radius": {"pan": PAN_RADIUS, "object": OBJECT_RADIUS},
         "tracks": [_track_document(plan, track, drawn) for track in tracks],
     }
 
@@ -150,7 +177,7 @@ def _track_document(plan: Plan, track: Track, drawn: NDArray[np.intp]) -> dict[s
         "pan": {"position": _rounded(track.pan_position[drawn])},
         "object": {
             "position": _rounded(track.object_position[drawn]),
-            "speed": _rounded(_lengths(track.object_velocity[drawn])),
+            "velocity": _rounded(track.object_velocity[drawn]),
         },
         "tracking_rmse": float(np.sqrt(np.mean(error * error))),
         "tracking_max": float(error.max()),

@@ -1,6 +1,6 @@
 /** What can be taken along: the plan as a file, the request as a line for a terminal. */
 
-import { $ } from "./dom.js";
+import { $ } from "./viewer/dom.js";
 
 /** Hand the browser a file to save. */
 export function saveFile(name, text) {

@@ -1,31 +1,27 @@
 /** The page: a path is drawn or taken, planned by the server, and played. */
 
 import { curlOf, requestInfo, requestPlan } from "./api.js";
-import { $, element, number, swatch } from "./dom.js";
-import { listenToPen } from "./pen.js";
-import { EXAMPLES } from "./examples.js";
-import { motionOf } from "./motion.js";
-import { DT, commandAlong, commandDocument } from "./path.js";
-import { Player } from "./player.js";
-import { Plots } from "./plots.js";
-import { showQuality } from "./quality.js";
-import { Stage } from "./stage.js";
 import { copyCurl, saveFile } from "./download.js";
+import { EXAMPLES } from "./examples.js";
+import { DT, commandAlong, commandDocument } from "./path.js";
+import { listenToPen } from "./pen.js";
+import { $, element, number } from "./viewer/dom.js";
+import { motionOf } from "./viewer/motion.js";
+import { Viewer, calm } from "./viewer/viewer.js";
 
 const REACH = 0.15;  // m from the start of a path, unless the server's model was trained on another
 const LONG = 1.5;  // s, the same for its duration
 const trainedOn = { reach: REACH, duration: LONG };
 
-const stage = new Stage($("stage"));
-const player = new Player(showMotion);
-const plots = new Plots($("plots"), player);
+const redraw = element("button", { id: "redraw", type: "button", className: "plain", textContent: "Draw again" });
+const viewer = new Viewer({ beside: [redraw], idle: showDraft });
 
 /** What is drawn, what is asked of it, and the last answer: all that the page shows follows from these. */
 const draft = { drawn: EXAMPLES[1].points, down: false, pen: null, command: null };
 let planned = null;  // {body, text, motion}, or null before the first plan
 let planning = false;
 
-const pen = listenToPen(stage, () => !playing(), (points, { down, pen: at }) => {
+const pen = listenToPen(viewer.stage, () => !viewer.plays, (points, { down, pen: at }) => {
   Object.assign(draft, { drawn: points, down, pen: at });
   if (down) {
     requestAnimationFrame(() => draft.down && showDraft());
@@ -35,7 +31,6 @@ const pen = listenToPen(stage, () => !playing(), (points, { down, pen: at }) => 
   update();
 });
 
-const playing = () => $("stage-card").dataset.mode === "play";
 const valueOf = (id) => $(id).valueAsNumber;
 
 /** The body of the request for what is on the pan now; null if that is no path. */
@@ -52,58 +47,53 @@ function update() {
   $("speed-value").textContent = `${number(asked.speed, 2)} m/s`;
   for (const id of ["static", "kinetic"]) $(`${id}-value`).textContent = number(valueOf(id), 2);
   $("plan").setAttribute("aria-disabled", String(planning || !draft.command));
-  $("plan").textContent = planning ? "Planning…" : playing() ? "Plan again" : "Plan";
+  $("plan").textContent = planning ? "Planning…" : viewer.plays ? "Plan again" : "Plan";
   if (!planning) $("summary").textContent = summary();
-  if (!playing()) showDraft();
+  if (!viewer.plays) showDraft();
 }
 
 function summary() {
   const { command, down, drawn } = draft;
-  if (playing() && planned && bodyNow() === planned.body) return planned.told;
+  if (viewer.plays && planned && bodyNow() === planned.body) return planned.told;
   if (down) return "";
   if (!command) return drawn.length ? "Too short a path: draw on." : "Draw a path on the pan, or take an example.";
   const duration = (command.positions.length - 1) * DT;
   const parts = [`${number(command.length * 100, 0)} cm in ${number(duration, 2)} s.`];
-  if (playing()) parts.unshift("Not planned yet:");
+  if (viewer.plays) parts.unshift("Not planned yet:");
   if (command.shrunk < 1) {
     parts.push(`Shrunk to ${number(command.shrunk * 100, 0)} %, to stay within ` +
       `${number(trainedOn.reach * 1e3, 0)} mm of its start.`);
   }
   if (duration > trainedOn.duration) {
-    parts.push(`Longer than the ${number(trainedOn.duration)} s that the model was trained on: it may follow less well.`);
+    parts.push(`Longer than the ${number(trainedOn.duration)} s that the model was trained on: ` +
+      "it may follow less well.");
   }
   return parts.join(" ");
 }
 
 function showDraft() {
-  stage.drawDraft({ drawn: draft.drawn, positions: draft.command?.positions, pen: draft.pen });
+  viewer.stage.drawDraft({ drawn: draft.drawn, positions: draft.command?.positions, pen: draft.pen });
   $("hint").hidden = draft.down;
   $("hint").textContent = draft.pen ? "Arrow keys draw, with Shift finely; Esc clears" : "Draw on the pan";
 }
 
-function showMotion() {
-  stage.drawMotion(player.motion, Math.min(player.t, player.motion.end), $("still").checked);
-  plots.show();
-}
-
-/** Turn between drawing on the pan at rest and playing the plan. */
-function turnTo(mode) {
-  $("stage-card").dataset.mode = mode;
-  const plays = mode === "play";
+/** Play a motion; or, if it is null, let the pan at rest be drawn on. */
+function turnTo(motion) {
+  const plays = motion !== null;
+  $("stage-card").dataset.mode = plays ? "play" : "draw";
   $("transport").hidden = $("chip").hidden = !plays;
   $("hint").hidden = plays;
   $("stage").setAttribute("aria-label",
     plays ? "The frying pan from above; on the moving pan the object slides along the path"
       : "Drawing area: the frying pan from above");
   $("stage").setAttribute("role", plays ? "img" : "application");
-  stage.resize();
+  viewer.load(motion);
 }
 
 function drawAgain() {
-  player.load(null);
   pen.lift();
   draft.pen = null;
-  turnTo("draw");
+  turnTo(null);
   update();
 }
 
@@ -145,17 +135,13 @@ async function plan(event) {
 }
 
 function showPlan(motion) {
-  turnTo("play");
   $("how").hidden = true;
   for (const id of ["quality", "plots"]) $(id).hidden = false;
   $("curl").textContent = curlOf(planned.body, $("token").value !== "");
-  showQuality(motion.quality);
-  plots.load(motion);
-  player.load(motion);
+  turnTo(motion);
   update();
-  const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-  $("stage-card").scrollIntoView({ block: "nearest", behavior: calm ? "auto" : "smooth" });
-  if (calm) player.seek(motion.end * 0.6); else player.play(true);
+  $("stage-card").scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
+  viewer.begin();
 }
 
 /** Whatever differs from what the page takes for granted: the model's name, and what it was trained on. */
@@ -189,7 +175,7 @@ function listen() {
     });
   }
   $("controls").addEventListener("submit", plan);
-  $("redraw").addEventListener("click", () => {
+  redraw.addEventListener("click", () => {
     drawAgain();
     $("stage").focus();
   });
@@ -197,22 +183,10 @@ function listen() {
   $("copy").addEventListener("click", copyCurl);
 }
 
-function layOut() {
-  stage.resize();
-  player.recolor();
-  plots.resize();
-  if (playing()) player.show(); else showDraft();
-}
-
 function start() {
   listen();
   markExample(EXAMPLES[1].name);
-  $("stage-legend").append(...[
-    ["command", "path drawn"], ["object", "path taken"], ["pan", "pan centre’s path"], ["pan dotted", "its limit"],
-  ].map(([kind, name]) => element("span", {}, swatch(kind), name)), "dial: the pan’s acceleration, its ring at μg");
   update();
-  addEventListener("resize", layOut);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", layOut);
   askServer();
   document.body.dataset.ready = "true";
 }

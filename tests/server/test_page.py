@@ -4,66 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, Route, expect, sync_playwright
+from playwright.sync_api import Page, Route, expect
 
-from benchmarks.pictures.screenshots import ARGUMENTS, PATIENCE, chromium
+from benchmarks.pictures.screenshots import PATIENCE
 from runtime import Command, Plan
+from runtime.report.report import render_report
 
-CHROMIUM = chromium()
 EXAMPLES = ["Circle", "Eight", "Strokes", "Signature"]
 
 expect.set_options(timeout=PATIENCE)
-
-if CHROMIUM is None and not os.environ.get("CI"):
-    pytest.skip("no Chromium here: install it, or name it in SLIDE_CHROMIUM", allow_module_level=True)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
-    """Open the page of a server; at the end, nothing may have been asked of anybody else, and nothing complained."""
-    contexts: list[BrowserContext] = []
-    asked: list[str] = []
-    complaints: list[str] = []
-    origins: set[str] = set()
-
-    def open_it(url: str, width: int = 1280, height: int = 900, complains: bool = False, **options: Any) -> Page:
-        context = browser.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce", **options)
-        context.set_default_timeout(PATIENCE)
-        contexts.append(context)
-        origins.add(url)
-        page = context.new_page()
-        page.on("request", lambda request: asked.append(request.url))
-        if not complains:
-            page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.goto(url)
-        page.wait_for_selector("body[data-ready]")
-        return page
-
-    yield open_it
-    for context in contexts:
-        context.close()
-    elsewhere = [url for url in asked if not url.startswith((*origins, "blob:"))]
-    assert elsewhere == []
-    assert complaints == []
 
 
 def draw(page: Page, turns: float = 1.0) -> None:
@@ -143,7 +101,7 @@ def test_what_is_downloaded_is_the_plan_and_the_curl_line_asks_for_the_same(
     asked = plan(page)
     downloaded = Plan.from_dict(json.loads(saved(page)))
     assert len(downloaded) == len(Command.from_dict(asked["command"]))
-    shown = page.locator("#figures tr").first.inner_text()
+    shown = page.locator("#figures tbody tr").first.inner_text()
     assert f"{downloaded.quality.tracking_rmse * 1e3:.1f}" in shown
 
     page.click("#copy")
@@ -334,15 +292,59 @@ def test_every_refusal_is_told_in_words_and_no_markup_of_it_is_taken(
     expect(page.get_by_role("alert")).to_be_hidden()
 
 
+def test_the_page_and_the_report_draw_the_same_motion(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    plan(page)
+    document = json.loads(saved(page))
+    reported = render_report(Plan.from_dict(document)).partition('id="report">')[2].partition("</script>")[0]
+    motions = page.evaluate(
+        "async (documents) => {"
+        " const { motionOf } = await import('/viewer/motion.js');"
+        " return documents.map(motionOf); }",
+        [document, json.loads(reported)],
+    )
+    own, other = motions
+    assert len(own["rests"]) >= 1
+    assert own.keys() == other.keys()
+    for name in own:
+        if isinstance(own[name], dict) and "x" in own[name]:
+            np.testing.assert_allclose(own[name]["x"], other[name]["x"], atol=1e-6, err_msg=name)
+            np.testing.assert_allclose(own[name]["y"], other[name]["y"], atol=1e-6, err_msg=name)
+        elif name in ("time", "slip", "speed", "farthest", "reach", "end"):
+            np.testing.assert_allclose(own[name], other[name], atol=2e-6, err_msg=name)
+        else:
+            assert own[name] == other[name], name
+
+
+def test_a_long_plan_is_thinned_for_drawing_and_keeps_both_ends(server: Any, open_page: Callable[..., Page]) -> None:
+    drawn = open_page(server.url).evaluate(
+        "async (rows) => { const { locate, motionOf } = await import('/viewer/motion.js');"
+        " const moved = Array.from({ length: rows }, (_, k) => [k, 0]);"
+        " const still = moved.map((_, k) => [k % 1000 < 500 ? 0 : 1, 0]);"
+        " const motion = motionOf({ dt: 0.001, command: { position: moved }, friction: { static: 1, kinetic: 0.5 },"
+        "  object: { position: moved, velocity: still }, quality: { limits: {} },"
+        "  pan: { position: moved, acceleration: moved } });"
+        " return { time: motion.time, x: motion.object.x, slip: motion.slip, at: locate(motion, 12.3456) }; }",
+        20_001,
+    )
+    assert len(drawn["time"]) <= 6000
+    assert (drawn["time"][0], drawn["time"][-1]) == (0, 20)
+    np.testing.assert_allclose(drawn["x"], np.array(drawn["time"]) * 1000.0)
+    np.testing.assert_allclose(drawn["slip"], [[k + 0.5, k + 1.0] for k in range(20)])
+    before, share = drawn["time"][drawn["at"]["k"]], drawn["at"]["share"]
+    assert before + share * (drawn["time"][drawn["at"]["next"]] - before) == pytest.approx(12.3456)
+
+
 def test_the_files_are_small_and_name_nothing_outside() -> None:
-    static = Path(__file__).parents[2] / "server/static"
-    files = [path for path in static.iterdir() if path.suffix in (".html", ".js", ".css")]
-    assert len(files) > 8
+    root = Path(__file__).parents[2]
+    static, report = root / "server/static", root / "runtime/report"
+    found = (path for folder in (static, report, report / "viewer") for path in folder.iterdir())
+    files = [path for path in found if path.suffix in (".html", ".js", ".css")]
+    assert len(files) > 18
     for path in files:
         text = path.read_text()
         assert len(text.splitlines()) <= 400, path.name
-        assert not re.findall(r"https?://|style=\"|<script>|\son\w+=", text), path.name
-    names = {path.name for path in files}
-    for path in files:
-        for name in re.findall(r'from "\./([^"]+)"', path.read_text()):
-            assert name in names
+        assert max(len(line) for line in text.splitlines()) <= 120, path.name
+        assert not re.findall(r"https?://|style=\"|\son\w+=", text), path.name
+        for name in re.findall(r'from "\./([^"]+)"', text):
+            assert (path.parent / name).is_file() or (path.parent == static and (report / name).is_file()), name

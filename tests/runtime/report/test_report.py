@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
-import subprocess
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+import runtime.report
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError, OutputError
 from runtime.friction import Friction
@@ -22,11 +23,23 @@ from runtime.limits import Limits
 from runtime.physics.law import DT, GRAVITY, rollout
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
-from runtime.quality import Record, assess
-from runtime.report.report import MAX_SAMPLES, Track, render_report, slip_phases, write_report
+from runtime.quality import Record, Status, assess
+from runtime.report.report import (
+    MAX_SAMPLES,
+    OBJECT_RADIUS,
+    PAN_RADIUS,
+    Track,
+    render_report,
+    slip_phases,
+    write_report,
+)
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 LIMITS = Limits(jerk=50_000.0)
 HOSTILE = "</script><script>document.title='taken'</script><!-- <b>&amp;\u2028@@REPORT@@"
+VIEWER = Path(runtime.report.__file__).parent / "viewer"
 RESOLUTION = 0.5e-6 * (1 + 1e-9)
 """Half of the last decimal kept (m, m/s, m/s^2)."""
 
@@ -107,12 +120,12 @@ def test_the_data_block_holds_the_numbers_of_the_plan(plan: Plan) -> None:
         "pan position": (data["pan"]["position"], plan.pan_position),
         "pan acceleration": (data["pan"]["acceleration"], plan.pan_acceleration),
         "object position": (data["object"]["position"], plan.object_position),
-        "object speed": (data["object"]["speed"], np.linalg.norm(plan.object_velocity, axis=1)),
+        "object velocity": (data["object"]["velocity"], plan.object_velocity),
     }
     for name, (values, expected) in shown.items():
         np.testing.assert_allclose(values, expected, rtol=0, atol=RESOLUTION, err_msg=name)
     assert data["quality"] == plan.quality.to_dict()
-    assert data["friction"] == {"static": 1.0, "kinetic": 0.5, "gravity": GRAVITY}
+    assert data["friction"] == {"static": 1.0, "kinetic": 0.5}
     assert data["model"] == {"name": "shaken", "sha256": "ab" * 32}
     assert (data["samples"], data["dt"], data["tracks"]) == (700, 0.001, [])
 
@@ -238,57 +251,88 @@ def test_a_path_that_cannot_be_written_is_named(plan: Plan, tmp_path: Path) -> N
     assert os.listdir(tmp_path) == []
 
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine to load the page in")
+def test_the_script_is_the_modules_in_order_without_imports(plan: Plan) -> None:
+    script = Scripts(render_report(plan)).scripts[1]
+    assert not re.search(r"^(import|export)\b", script, re.MULTILINE)
+    sources = {path.name: path.read_text() for path in VIEWER.glob("*.js")}
+    sources["report.js"] = (VIEWER.parent / "report.js").read_text()
+    positions = {name: script.index(f"// {name}\n") for name in sources}
+    for name, source in sources.items():
+        for imported in re.findall(r'from "\./(?:viewer/)?([^"]+)"', source):
+            assert positions[imported] < positions[name], (imported, name)
+    declared = re.findall(r"^(?:const|let|class|function) (\w+)", script, re.MULTILINE)
+    assert sorted(declared) == sorted(set(declared)), "one script takes no name twice"
 
 
-def loaded(page: Path, fragment: str, profile: Path) -> tuple[str, str]:
-    """Return the document after a headless browser has run its scripts, and what it logged to its console."""
-    assert BROWSER is not None
-    result = subprocess.run(
-        [
-            *(BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-            *("--disable-dev-shm-usage", "--enable-logging=stderr", f"--user-data-dir={profile}"),
-            *("--window-size=1000,900", "--virtual-time-budget=300", "--dump-dom", f"{page.as_uri()}{fragment}"),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    console = "\n".join(line for line in result.stderr.splitlines() if "CONSOLE" in line)
-    return result.stdout, console
+def test_the_viewer_knows_the_same_constants_and_statuses() -> None:
+    motion, quality = ((VIEWER / name).read_text() for name in ("motion.js", "quality.js"))
+    assert f"GRAVITY = {GRAVITY:g};" in motion
+    assert f"RADIUS = {{ pan: {PAN_RADIUS:g}, object: {OBJECT_RADIUS:g} }};" in motion
+    assert f"DRAWN = {MAX_SAMPLES};" in motion
+    assert set(re.findall(r'^  (\w+): \["(?:good|mixed|bad)"', quality, re.MULTILINE)) == set(Status)
 
 
-def shown(document: str, identifier: str) -> str:
-    """Return the text of a simple element."""
-    found = re.search(rf'id="{identifier}"[^>]*>([^<]*)<', document)
-    assert found, identifier
-    return found[1]
+@pytest.fixture
+def open_report(open_page: Callable[..., Page], tmp_path: Path) -> Callable[..., Page]:
+    """Write a report and open it from its file."""
+
+    def open_it(plan: Plan, tracks: Sequence[Track] = (), fragment: str = "", **options: Any) -> Page:
+        path = tmp_path / "report.html"
+        write_report(path, plan, tracks)
+        return open_page(f"{path.as_uri()}{fragment}", **options)
+
+    return open_it
 
 
-@needs_browser
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds: the page's policy allows no waiting inside it."""
+    until = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def pixels(page: Page) -> str:
+    data: str = page.evaluate("document.getElementById('stage').toDataURL()")
+    return data
+
+
 @pytest.mark.parametrize("sliding", [True, False])
-def test_a_browser_draws_the_page_at_the_time_asked_for(plan: Plan, tmp_path: Path, sliding: bool) -> None:
+def test_a_browser_draws_the_page_at_the_time_asked_for(
+    plan: Plan, open_report: Callable[..., Page], sliding: bool
+) -> None:
     k = int(np.flatnonzero(plan.object_velocity.any(axis=1) == sliding)[50])
-    page = tmp_path / "report.html"
-    write_report(page, plan, [replayed(plan, "slippery", Friction(0.7, 0.3))])
-    document, console = loaded(page, f"#t={k * DT + DT / 2:.4f}", tmp_path / "profile")
-    assert 'data-ready="true"' in document
-    assert "data-error" not in document
-    assert console == ""
-    assert shown(document, "chip") == ("slides" if sliding else "sticks")
-    assert float(shown(document, "now")) == pytest.approx(k * DT, abs=1.1e-3)
-    assert f"{plan.quality.tracking_rmse * 1e3:.1f}<small>mm" in document
-    assert f"{plan.quality.pan_reach * 1e3:.0f}<small>mm" in document
-    assert document.count('<figure class="plot">') == 6
-    assert "NaN" not in document
+    page = open_report(plan, [replayed(plan, "slippery", Friction(0.7, 0.3))], f"#t={k * DT + DT / 2:.4f}")
+    assert page.inner_text("#chip") == ("slides" if sliding else "sticks")
+    assert float(page.inner_text("#now")) == pytest.approx(k * DT, abs=1.1e-3)
+    rows = page.locator("#figures tbody tr").all_inner_texts()
+    assert rows[0].split("\t")[-3] == f"{plan.quality.tracking_rmse * 1e3:.1f}"
+    assert rows[2].split("\t")[-3] == f"{plan.quality.pan_reach * 1e3:.0f}".replace(",", "\u202f")
+    assert page.locator("#plots svg[role=img]").count() == 6
+    assert page.locator("#paths svg[role=img]").count() == 2
+    assert "NaN" not in page.content()
 
 
-@needs_browser
+def test_every_track_has_its_row_and_a_colour_of_its_own(plan: Plan, open_report: Callable[..., Page]) -> None:
+    names = ["slippery", "sticky", "same", "measured"]
+    frictions = [Friction(0.7, 0.3), Friction(1.5, 0.8), plan.friction, Friction(0.9, 0.4)]
+    tracks = [replayed(plan, *each) for each in zip(names, frictions, strict=True)]
+    tracks[3] = replace(tracks[3], pan_position=tracks[3].pan_position + 0.01)
+    page = open_report(plan, tracks)
+    rows = [row.split("\t") for row in page.locator("#tracks tbody tr").all_inner_texts()]
+    assert [row[0] for row in rows] == ["as planned", *names]
+    assert [row[-1] for row in rows] == ["", "0.0", "0.0", "0.0", "14.1"]
+    assert rows[3][1] == rows[0][1] == f"{plan.quality.tracking_rmse * 1e3:.1f}"
+    colour = "paths => paths.map(path => getComputedStyle(path).stroke + getComputedStyle(path).strokeDasharray)"
+    assert len(set(page.locator("#tracks tbody path").evaluate_all(colour))) == 5
+    legend = page.locator("#stage-legend").inner_text()
+    assert all(name in legend for name in names)
+    lines = page.locator("#plots figure").last.locator(".frame path.curve")
+    assert lines.count() == 4  # the plan's pan and the one that moved otherwise, along x and y
+
+
 @pytest.mark.parametrize("case", ["one sample", "never moves", "no friction", "no limits", "hostile", "a minute"])
-def test_a_browser_draws_the_odd_plans_too(plan: Plan, tmp_path: Path, case: str) -> None:
+def test_a_browser_draws_the_odd_plans_too(plan: Plan, open_report: Callable[..., Page], case: str) -> None:
     still = np.zeros_like(plan.object_position)
     unmoved = replace(plan, pan_position=still, object_position=still, object_velocity=still)
     no_limits = {"pan_reach": None, "acceleration": None, "jerk": None}
@@ -300,10 +344,101 @@ def test_a_browser_draws_the_odd_plans_too(plan: Plan, tmp_path: Path, case: str
         "hostile": lambda: replace(plan, model_name=HOSTILE),
         "a minute": lambda: shaken_plan(60_000),
     }[case]()
-    page = tmp_path / "report.html"
-    write_report(page, odd)
-    document, console = loaded(page, "#t=0.1&frame=pan", tmp_path / "profile")
-    assert 'data-ready="true"' in document
-    assert "data-error" not in document
-    assert console == ""
-    assert "<title>taken" not in document
+    page = open_report(odd, (), "#t=0.1&frame=pan")
+    assert page.locator("#still").is_checked()
+    assert page.title() == f"Sliding plan, {odd.model_name}"
+    assert "NaN" not in page.locator("main").inner_html()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_an_object_beyond_the_rim_is_shown_where_it_is_and_marked(
+    plan: Plan, open_report: Callable[..., Page], scheme: str
+) -> None:
+    away = np.array([0.6, 0.2])
+    moved = replace(
+        plan, object_position=np.zeros_like(plan.object_position) + away, command_position=plan.command_position + away
+    )
+    page = open_report(moved, (), "#t=0.1&frame=pan", color_scheme=scheme)
+    assert page.inner_text("#chip") == "off the pan"
+    assert "the object off the pan" in (page.locator("#scrub").get_attribute("aria-valuetext") or "")
+    x, y = page.evaluate(
+        "() => { const canvas = document.getElementById('stage'), { width, height } = canvas;"
+        " const { data } = canvas.getContext('2d').getImageData(0, 0, width, height);"
+        " let [x, y, found] = [0, 0, 0];"
+        " for (let k = 0; k < data.length; k += 4) if (data[k] > 1.6 * data[k + 1] && data[k + 1] < 150) {"
+        "  const at = k / 4; x += at % width; y += Math.floor(at / width); found += 1; }"
+        " return [x / found - width / 2, height / 2 - y / found]; }"
+    )
+    assert y / x == pytest.approx(1 / 3, abs=0.03)
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    assert 0.2 < x / box["width"] < 0.5
+
+
+def test_keys_and_the_address_move_the_time_and_hold_the_pan(plan: Plan, open_report: Callable[..., Page]) -> None:
+    page = open_report(plan, (), "#t=0.3")
+    shown = pixels(page)
+    for key, at in [("ArrowRight", 0.31), ("ArrowLeft", 0.3), ("Shift+ArrowRight", 0.4), ("Shift+ArrowLeft", 0.3)]:
+        page.keyboard.press(key)
+        assert float(page.inner_text("#now")) == pytest.approx(at, abs=1e-9)
+    page.keyboard.press("p")
+    assert page.locator("#still").is_checked()
+    assert pixels(page) != shown
+    page.locator("#still").focus()
+    page.keyboard.press("p")
+    assert pixels(page) == shown
+    page.evaluate("location.hash = '#t=0.5&frame=pan'")
+    wait_for(lambda: page.inner_text("#now") == "0.500")
+    assert page.locator("#still").is_checked()
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press(" ")
+    wait_for(lambda: page.inner_text("#now") != "0.500")
+    assert page.locator("#play").get_attribute("aria-label") == "Pause"
+    page.keyboard.press(" ")
+    assert page.locator("#play").get_attribute("aria-label") == "Play"
+
+
+def test_a_plot_is_read_under_the_pointer_and_seeks_where_it_is_pressed(
+    plan: Plan, open_report: Callable[..., Page]
+) -> None:
+    page = open_report(plan, (), "#t=0.1", height=1600)
+    frame, reading = page.locator("#plots .frame").nth(4), page.locator("#plots .legend").nth(4).locator("b").first
+    box = frame.bounding_box()
+    assert box is not None
+    before = reading.inner_text()
+    page.mouse.move(box["x"] + box["width"] * 0.6, box["y"] + 40)
+    t = float((frame.locator(".pointer").get_attribute("data-time") or "").split()[0])
+    assert 0.3 < t < 0.5
+    speed = float(np.linalg.norm(plan.object_velocity, axis=1)[round(t / DT)])
+    assert float(reading.inner_text()) == pytest.approx(speed, abs=0.03)
+    assert page.inner_text("#now") == "0.100"
+    page.mouse.down()
+    page.mouse.up()
+    assert float(page.inner_text("#now")) == pytest.approx(t, abs=2e-3)
+    page.mouse.move(0, 0)
+    page.evaluate("location.hash = '#t=0.1000'")
+    wait_for(lambda: page.inner_text("#now") == "0.100")
+    assert reading.inner_text() == before
+
+
+def test_it_plays_by_itself_but_not_to_those_who_want_no_motion(plan: Plan, open_report: Callable[..., Page]) -> None:
+    page = open_report(plan)
+    assert page.locator("#play").get_attribute("aria-label") == "Play"
+    assert float(page.inner_text("#now")) == pytest.approx(0.6 * (len(plan) - 1) * DT, abs=1e-3)
+    page = open_report(plan, calm=False)
+    assert page.locator("#play").get_attribute("aria-label") == "Pause"
+
+
+def test_on_a_phone_nothing_is_wider_than_the_screen(plan: Plan, open_report: Callable[..., Page]) -> None:
+    tracks = [replayed(plan, "a-name-without-a-place-to-break-" * 3, Friction(0.7, 0.3))]
+    page = open_report(plan, tracks, width=360, height=740, has_touch=True, is_mobile=True)
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+
+
+def test_the_colours_follow_the_scheme(plan: Plan, open_report: Callable[..., Page]) -> None:
+    page = open_report(plan, (), "#t=0.3")
+    light = pixels(page)
+    page.emulate_media(color_scheme="dark")
+    wait_for(lambda: pixels(page) != light)
+    page.emulate_media(color_scheme="light")
+    wait_for(lambda: pixels(page) == light)

@@ -15,7 +15,7 @@ export function svg(attributes, content) {
   return holder.content.firstChild;
 }
 
-/** A piece of a line for legends; `kind` is a class of style.css that sets its colour and dashes. */
+/** A piece of a line for legends; `kind` is a class of viewer.css that sets its colour and dashes. */
 export const swatch = (kind) =>
   svg('viewBox="0 0 20 8" aria-hidden="true"', `<path class="curve ${kind}" d="M0 4H20"/>`);
 
@@ -26,3 +26,9 @@ export function number(value, digits = 1) {
 
 /** A length (m) in millimetres. */
 export const mm = (length) => number(length * 1e3, Math.abs(length) < 0.1 ? 1 : 0);
+
+/** The smallest of 1, 2, 5, 10, 20, 50 ... and their tenths and hundredths that is not below `rough`. */
+export function roundStep(rough) {
+  const power = 10 ** Math.floor(Math.log10(rough));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= rough * 0.999);
+}

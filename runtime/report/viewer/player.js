@@ -1,17 +1,37 @@
 /** Time: the clock that a motion is played by, and its controls. What is shown follows from its state alone. */
 
 import { $, element, number } from "./dom.js";
-import { slidesAt } from "./motion.js";
+import { stateAt } from "./motion.js";
 
 const RATES = { "1×": 1, "¼×": 0.25, "⅒×": 0.1 };
 const REST = 0.7;  // s on the clock at the end, before it starts over
+const MARKUP = `
+  <div class="row">
+    <button class="play" id="play" type="button" aria-label="Play">
+      <svg viewBox="0 0 18 18" aria-hidden="true">
+        <path class="wedge" d="M4.5 2.2v13.6L16 9z"/><path class="bars" d="M3.5 2.5h4v13h-4zm7 0h4v13h-4z"/>
+      </svg>
+    </button>
+    <div class="scrub">
+      <canvas class="phases" id="phases" height="1" aria-hidden="true"></canvas>
+      <input id="scrub" type="range" min="0" aria-label="Time">
+    </div>
+    <span class="clock number"><b id="now"></b> / <span id="end"></span></span>
+  </div>
+  <div class="row" id="how-to-play">
+    <div class="choice" role="radiogroup" aria-label="Playing speed" id="rates"></div>
+    <label class="toggle"><input type="checkbox" id="still">Hold the pan still</label>
+  </div>
+  <div class="legend" id="stage-legend"></div>`;
 
 export class Player {
   #last = 0;
 
-  /** @param show  () after every change of `t`, `hover` or what is looked at */
-  constructor(show) {
+  /** @param parent  of the controls; @param beside  more of them; @param show  () after every change of the state */
+  constructor(parent, beside, show) {
     Object.assign(this, { motion: null, t: 0, hover: null, playing: false, rate: 0.25, onShow: show });
+    parent.innerHTML = MARKUP;
+    $("how-to-play").append(...beside);
     for (const [label, rate] of Object.entries(RATES)) {
       const input = element("input", { type: "radio", name: "rate", checked: rate === this.rate });
       input.setAttribute("aria-label", rate === 1 ? "real time" : `${rate} times real time`);
@@ -29,10 +49,8 @@ export class Player {
     this.play(false);
     Object.assign(this, { motion, t: 0, hover: null });
     if (!motion) return;
-    Object.assign($("scrub"), { max: motion.end, step: motion.step });
+    Object.assign($("scrub"), { max: motion.end, step: motion.dt });
     $("end").textContent = `${this.seconds(motion.end)} s`;
-    this.#drawPhases();
-    this.show();
   }
 
   seconds(t) {
@@ -42,9 +60,9 @@ export class Player {
   show() {
     if (!this.motion) return;
     const t = Math.min(this.t, this.motion.end);
-    const state = slidesAt(this.motion, t) ? "slides" : "sticks";
+    const state = stateAt(this.motion, t);
     $("chip").textContent = state;
-    $("chip").className = `chip ${state}`;
+    $("chip").className = `chip ${state.split(" ")[0]}`;
     $("scrub").value = t;
     $("scrub").setAttribute("aria-valuetext", `${this.seconds(t)} seconds, the object ${state}`);
     $("now").textContent = this.seconds(t);
@@ -78,7 +96,7 @@ export class Player {
   }
 
   /** When the object sticks and when it slides, behind the slider. */
-  #drawPhases() {
+  resize() {
     const canvas = $("phases"), context = canvas.getContext("2d");
     const style = getComputedStyle(document.documentElement);
     canvas.width = 600;
@@ -89,10 +107,6 @@ export class Player {
     for (const [from, to] of this.motion.slip) context.fillRect(across(from), 0, across(to) - across(from), 1);
   }
 
-  recolor() {
-    if (this.motion) this.#drawPhases();
-  }
-
   #followKey(event) {
     if (!this.motion || event.ctrlKey || event.metaKey || event.altKey) return;
     const step = event.shiftKey ? 0.1 : 0.01;  // s
@@ -100,9 +114,11 @@ export class Player {
       " ": () => this.play(!this.playing),
       ArrowLeft: () => this.seek(Math.min(this.t, this.motion.end) - step),
       ArrowRight: () => this.seek(this.t + step),
+      p: () => $("still").click(),
     }[event.key];
-    const control = event.target.closest("button, input, summary, pre");  // has its own use for space and arrows
-    if (!action || (control && control.id !== "scrub")) return;
+    // These have a use of their own for space and arrows, and those one writes in for letters, too.
+    const own = event.key === "p" ? "[type=password], [type=text]" : "button, input:not(#scrub), summary, pre";
+    if (!action || event.target.closest(own)) return;
     event.preventDefault();
     action();
   }

@@ -1,12 +1,16 @@
 /** The pan from above on a canvas in metres, y up: at rest while a path is drawn, shaken when a plan is played. */
 
-import { number } from "./dom.js";
-import { locate, pointAt, slidesAt, valueAt } from "./motion.js";
+import { number, roundStep } from "./dom.js";
+import { RADIUS, locate, pointAt, stateAt, valueAt } from "./motion.js";
 
-const PAN = 0.18, OBJECT = 0.03;  // m: radii of the simulated arm's pan and object; the law itself knows neither
 const BEAT = 50;  // samples between the dots along a command: close where it is slow
-const ON_PAN = { command: "#f4f0e8", sticks: "#4fa9e0", slides: "#f27a2a" };  // the pan is dark by day and by night
-const SPRITE = { left: -0.42, right: 0.26, half: 0.26 };  // m: what the pan and its shadow cover
+const FLOOR_STEP = 52;  // pixels at least between the lines of the floor
+const COLORS = ["stage-grid", "stage-ink", "pan", "object", "bad", "track-1", "track-2", "track-3", "track-4"];
+const ON_PAN = {  // the pan is dark by day and by night
+  command: "#f4f0e8", pan: "#4fa9e0", object: "#f27a2a", bad: "#ff8a80",
+  "track-1": "#35d0a8", "track-2": "#e79aca", "track-3": "#ecd35c", "track-4": "#b3a8ff",
+};
+const OBJECT_COLOR = { sticks: "pan", slides: "object", "off the pan": "bad" };
 const CAST_IRON = {
   handle: "#34363a", groove: "#55585e",
   rim: ["#75787e", "#4c4f54", "#2c2e31"], floor: ["#3b3e43", "#26282b", "#17181a"],
@@ -37,14 +41,25 @@ export class Stage {
   constructor(canvas) {
     this.canvas = canvas;
     this.context = canvas.getContext("2d");
-    this.colors = {};
+    this.colors = {};  // of the page, for what lies beside the pan
+    this.dashes = {};  // of the tracks
     this.scale = 1;  // pixels per metre
     this.resize();
   }
 
+  /** Take a motion to draw. */
+  load(motion) {
+    this.motion = motion;
+    this.commandPath = trace(motion.command, locate(motion, motion.end));
+  }
+
   resize() {
     const style = getComputedStyle(document.documentElement);
-    for (const name of ["stage-grid", "stage-ink", "pan"]) this.colors[name] = style.getPropertyValue(`--${name}`);
+    for (const name of COLORS) {
+      this.colors[name] = style.getPropertyValue(`--${name}`);
+      this.dashes[name] = style.getPropertyValue(`--${name}-dash`).split(" ").map(Number);
+    }
+    this.colors.command = this.colors["stage-ink"];
     this.width = this.canvas.clientWidth;
     this.height = this.canvas.clientHeight;
     this.canvas.width = Math.round(this.width * devicePixelRatio);
@@ -55,7 +70,7 @@ export class Stage {
   /** Where on the pan, as it is drawn for a draft, a pointer is: [x, y] in metres. */
   toMetres({ clientX, clientY }) {
     const box = this.canvas.getBoundingClientRect();
-    const scale = Math.min(box.width, box.height) / 2 / (PAN * 1.08);
+    const scale = Math.min(box.width, box.height) / 2 / (RADIUS.pan * 1.08);
     return [(clientX - box.left - box.width / 2) / scale, -(clientY - box.top - box.height / 2) / scale];
   }
 
@@ -67,9 +82,9 @@ export class Stage {
    * @param pen  [x, y] where a pen moved by keys is, or null
    */
   drawDraft({ drawn, positions, pen }) {
-    this.#begin(PAN * 1.08, 0);
+    this.#begin(RADIUS.pan * 1.08, 0);
     this.#floor([0, 0]);
-    this.#pan();
+    this.#pan(RADIUS.pan);
     if (positions) {
       const start = positions[0];
       this.#stroke(polyline(positions), ON_PAN.command, 1.5, [5, 5]);
@@ -77,41 +92,75 @@ export class Stage {
         this.#fill(disc(...positions[k], 2 / this.scale), ON_PAN.command);
       }
       this.#stroke(disc(...positions.at(-1), 5.5 / this.scale), ON_PAN.command, 1.8);
-      this.#object(start, ON_PAN.sticks);
+      this.#object(start, RADIUS.object, ON_PAN.pan);
     } else if (drawn.length) {
       this.#stroke(polyline(drawn), ON_PAN.command, 2.2);
-      this.#object(drawn[0], ON_PAN.sticks);
+      this.#object(drawn[0], RADIUS.object, ON_PAN.pan);
     }
-    if (pen) this.#stroke(disc(...pen, 7 / this.scale), ON_PAN.slides, 2);
+    if (pen) this.#stroke(disc(...pen, 7 / this.scale), ON_PAN.object, 2);
     this.#end();
   }
 
-  /** The pan, the object and the command at time t (s); `still` keeps the pan in the middle and moves the world. */
-  drawMotion(motion, t, still) {
-    const { pan, command, object, quality, reachLimit } = motion;
+  /**
+   * The pan, the object and the command at time t (s); `still` keeps the pan in the middle and moves the world.
+   *
+   * The scale is the largest at which all of the motion is seen, an object that leaves the pan included.
+   */
+  drawMotion(t, still) {
+    const { motion } = this, { pan, radius, reachLimit } = motion;
     const place = locate(motion, t);
-    const half = still ? PAN * 1.12 : Math.max((reachLimit ?? 0) * 1.06, quality.pan_reach + PAN * 1.12);
-    this.#begin(half, still ? 0 : 1);
+    const around = Math.max(radius.pan * 1.12, (motion.farthest + radius.object) * 1.04);
+    this.#begin(still ? around : Math.max((reachLimit ?? 0) * 1.06, motion.reach + around), still ? 0 : 1);
     const [x, y] = pointAt(pan, place);
     const world = still ? [-x, -y] : [0, 0];
     this.#shifted(world, () => this.#floor(world));
     this.#shifted([world[0] + x, world[1] + y], () => {
-      this.#pan();
-      this.#stroke(polyline(command.x.map((value, k) => [value, command.y[k]])), ON_PAN.command, 1.5, [5, 5]);
-      this.#traceObject(motion, place);
-      this.#object(pointAt(object, place), slidesAt(motion, t) ? ON_PAN.slides : ON_PAN.sticks);
-      this.#stroke(disc(...pointAt(command, place), 5.5 / this.scale), ON_PAN.command, 1.8);
+      this.#pan(radius.pan);
+      this.#parted(radius.pan, (colors) => this.#motions(t, place, colors));
     });
-    this.#shifted(world, () => this.#reach(motion, place));
+    this.#shifted(world, () => this.#reach(place));
     this.#end();
     this.#ruler();
-    this.#dial(pointAt(motion.acceleration, place), motion);
+    this.#dial(pointAt(motion.acceleration, place));
+  }
+
+  /** Draw in the colours of the pan what lies on it, and in those of the page what lies beyond its rim. */
+  #parted(radius, draw) {
+    if (this.motion.farthest + this.motion.radius.object <= radius) {
+      draw(ON_PAN);
+      return;
+    }
+    const rim = disc(0, 0, radius), beyond = new Path2D(rim), far = 4 * this.half;
+    beyond.rect(-far, -far, 2 * far, 2 * far);
+    for (const [region, colors] of [[rim, ON_PAN], [beyond, this.colors]]) {
+      this.context.save();
+      this.context.clip(region, "evenodd");
+      draw(colors);
+      this.context.restore();
+    }
+  }
+
+  /** The command, where each motion has slid so far, the object, and where it should be now. */
+  #motions(t, place, colors) {
+    const { command, object, tracks, rests, radius } = this.motion;
+    this.#stroke(this.commandPath, colors.command, 1.5, [5, 5]);
+    for (const track of tracks) {
+      this.#stroke(trace(track.object, place), colors[track.kind], 1.6, this.dashes[track.kind]);
+      this.#stroke(disc(...pointAt(track.object, place), radius.object), colors[track.kind], 1.6);
+    }
+    this.#stroke(trace(object, place), colors.object, 2.6);
+    for (const k of rests) {  // a dot wherever it came to rest on the way
+      if (k <= place.k) this.#fill(disc(object.x[k], object.y[k], 3 / this.scale), colors.pan);
+    }
+    this.#object(pointAt(object, place), radius.object, colors[OBJECT_COLOR[stateAt(this.motion, t)]]);
+    this.#stroke(disc(...pointAt(command, place), 5.5 / this.scale), colors.command, 1.8);
   }
 
   #begin(half, aside) {
     const { context, width, height } = this;
-    this.scale = Math.min(width, height) / 2 / half;
-    this.step = [0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((step) => step * this.scale > 52) ?? 10;
+    this.half = half;  // m from the middle to the nearer edges
+    this.scale = Math.max(1, Math.min(width, height)) / 2 / half;  // 1: a window may have no size
+    this.step = roundStep(FLOOR_STEP / this.scale);
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     context.clearRect(0, 0, width, height);
     context.translate(width / 2 + aside * Math.max(0, width - height) / 2, height / 2);  // room for the handle
@@ -159,34 +208,34 @@ export class Stage {
   }
 
   /** The frying pan; drawn once for each scale, because its shadow takes longer than all the rest. */
-  #pan() {
+  #pan(radius) {
     const ratio = this.scale * devicePixelRatio;
-    if (this.sprite?.ratio !== ratio) this.#drawSprite(ratio);
-    const { left, right, half } = SPRITE;
+    if (this.sprite?.ratio !== ratio || this.sprite.radius !== radius) this.#drawSprite(radius, ratio);
+    const { canvas, left, right, half } = this.sprite;
     this.context.save();
     this.context.scale(1, -1);
-    this.context.drawImage(this.sprite.canvas, left, -half, right - left, 2 * half);
+    this.context.drawImage(canvas, left, -half, right - left, 2 * half);
     this.context.restore();
   }
 
-  #drawSprite(ratio) {
-    const { left, right, half } = SPRITE;
+  #drawSprite(radius, ratio) {
+    const right = radius + 0.08, half = right, left = -radius * 2.06 - 0.05;  // m: what pan and shadow cover
     const canvas = document.createElement("canvas");
-    canvas.width = Math.max(1, Math.ceil((right - left) * ratio));  // 0 while the window has no size
+    canvas.width = Math.max(1, Math.ceil((right - left) * ratio));
     canvas.height = Math.max(1, Math.ceil(2 * half * ratio));
     const context = canvas.getContext("2d");
     context.setTransform(canvas.width / (right - left), 0, 0, -canvas.height / (2 * half), 0, 0);
     context.translate(-left, -half);
     const screen = this.context;
     this.context = context;
-    this.#drawPan();
+    this.#drawPan(radius);
     this.context = screen;
-    this.sprite = { canvas, ratio };
+    this.sprite = { canvas, ratio, radius, left, right, half };
   }
 
   /** The frying pan, its handle towards the robot at negative x. */
-  #drawPan() {
-    const { context } = this, r = PAN;
+  #drawPan(r) {
+    const { context } = this;
     const polished = (colors) => {
       const paint = context.createRadialGradient(-r * 0.35, r * 0.4, r * 0.05, 0, 0, r * 1.05);
       colors.forEach((color, index) => paint.addColorStop(index / 2, color));
@@ -213,30 +262,22 @@ export class Stage {
     for (const part of [0.35, 0.6, 0.82]) this.#stroke(disc(0, 0, r * part), CAST_IRON.ring, 1);
   }
 
-  #object(center, color) {
+  #object(center, radius, color) {
     const { context } = this;
     context.globalAlpha = 0.42;
-    this.#fill(disc(...center, OBJECT), color);
+    this.#fill(disc(...center, radius), color);
     context.globalAlpha = 1;
-    this.#stroke(disc(...center, OBJECT), color, 2.2);
+    this.#stroke(disc(...center, radius), color, 2.2);
     this.#fill(disc(...center, 3.2 / this.scale), color);
   }
 
-  /** Where the object has slid so far, with a blue dot wherever it came to rest on the way. */
-  #traceObject({ object, slip, step }, place) {
-    this.#stroke(trace(object, place), ON_PAN.slides, 2.6);
-    for (const [, to] of slip) {
-      const k = Math.round(to / step);
-      if (k <= place.k) this.#fill(disc(object.x[k], object.y[k], 3 / this.scale), ON_PAN.sticks);
-    }
-  }
-
   /** Where the pan's centre has been, is and may go: drawn over the pan, which covers most of it. */
-  #reach({ pan, reachLimit }, place) {
+  #reach(place) {
+    const { pan, reachLimit } = this.motion;
     this.context.globalAlpha = 0.75;
-    this.#stroke(trace(pan, place), ON_PAN.sticks, 1.5);
+    this.#stroke(trace(pan, place), ON_PAN.pan, 1.5);
     this.context.globalAlpha = 1;
-    this.#fill(disc(...pointAt(pan, place), 4 / this.scale), ON_PAN.sticks);
+    this.#fill(disc(...pointAt(pan, place), 4 / this.scale), ON_PAN.pan);
     if (reachLimit) this.#stroke(disc(0, 0, reachLimit), this.colors.pan, 1.4, [3, 6]);
   }
 
@@ -249,7 +290,8 @@ export class Stage {
   }
 
   /** The pan's acceleration as an arrow in a dial, whose ring is mu g: an object at rest breaks away beyond it. */
-  #dial([ux, uy], { quality, breakaway }) {
+  #dial([ux, uy]) {
+    const { quality, breakaway } = this.motion;
     const size = this.width < 480 ? 32 : 44, margin = 14 + size;
     const scale = size / Math.max(quality.acceleration_max, breakaway, 1e-9);
     const [x, y] = [ux * scale, -uy * scale];

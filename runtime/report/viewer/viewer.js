@@ -1,0 +1,68 @@
+/** A plan looked at: the pan from above, the player, the plots and the quality, kept together. */
+
+import { $, element, mm, swatch } from "./dom.js";
+import { Paths } from "./paths.js";
+import { Player } from "./player.js";
+import { Plots } from "./plots.js";
+import { showQuality } from "./quality.js";
+import { Stage } from "./stage.js";
+
+export const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+/** Draws into the elements #stage, #chip, #transport, #verdict, #plots and, where there is one, #paths. */
+export class Viewer {
+  /** @param beside  more controls, beside the player's; @param idle  () draws the stage while no motion is loaded */
+  constructor({ beside = [], idle = () => {} } = {}) {
+    this.stage = new Stage($("stage"));
+    this.player = new Player($("transport"), beside, () => this.show());
+    this.plots = [new Plots($("plots"), this.player), ...($("paths") ? [new Paths($("paths"))] : [])];
+    this.idle = idle;
+    addEventListener("resize", () => this.layOut());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layOut());
+  }
+
+  get plays() {
+    return this.player.motion !== null;
+  }
+
+  /** Take a motion, or null, and show its beginning. */
+  load(motion) {
+    this.player.load(motion);
+    if (motion) {
+      this.stage.load(motion);
+      for (const plots of this.plots) plots.load(motion);
+      showQuality($("verdict"), motion.quality);
+      this.#fillLegend(motion);
+    }
+    this.layOut();
+  }
+
+  /** Play; or show a moment in the middle, to those who want no motion. */
+  begin() {
+    if (calm()) this.player.seek(this.player.motion.end * 0.6); else this.player.play(true);
+  }
+
+  show() {
+    const { motion, t, hover } = this.player, now = Math.min(t, motion.end);
+    this.stage.drawMotion(now, $("still").checked);
+    for (const plots of this.plots) plots.show(now, hover ?? now);
+  }
+
+  /** Fit everything to the window and to its colours. */
+  layOut() {
+    this.stage.resize();
+    if (!this.plays) return this.idle();
+    for (const part of [this.player, ...this.plots]) part.resize();
+    this.player.show();
+  }
+
+  #fillLegend({ tracks, reachLimit }) {
+    const entries = [["command", "command"], ["object", "object’s path"]];
+    for (const { kind, name } of tracks) entries.push([kind, name]);
+    entries.push(["pan", "pan centre’s path"]);
+    if (reachLimit) entries.push(["pan dotted", `its limit, ${mm(reachLimit)} mm`]);
+    $("stage-legend").replaceChildren(
+      ...entries.map(([kind, name]) => element("span", {}, swatch(kind), name)),
+      element("span", { textContent: "dial: the pan’s acceleration, its ring at μg" }));
+  }
+}
