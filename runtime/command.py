@@ -68,12 +68,14 @@ class Command:
         _check_length(len(position))
         _check_extent(position)
         if len(position) > MAX_SAMPLES:
-            raise InputError(f"position has {len(position)} samples at 1 kHz, at most {MAX_SAMPLES} are allowed")
+            message = f"position has {len(position)} samples at 1 kHz, at most {MAX_SAMPLES} are allowed"
+            raise InputError(message, "position")
         jumps = np.hypot(*np.diff(position, axis=0).T)
         for row in np.flatnonzero(jumps > MAX_JUMP):
             raise InputError(
                 f"position jumps by {jumps[row]:.4g} m from sample {row} to {row + 1} of the 1 kHz time line "
-                f"(t = {row * DT:.3f} s), at most {MAX_JUMP:g} m is allowed"
+                f"(t = {row * DT:.3f} s), at most {MAX_JUMP:g} m is allowed",
+                "position",
             )
         position.setflags(write=False)
         object.__setattr__(self, "position", position)
@@ -110,9 +112,11 @@ class Command:
         """
         dt = number(dt, "dt")
         if dt <= 0.0:
-            raise InputError(f"dt must be greater than 0 s, got {dt:g} s")
+            raise InputError(f"dt must be greater than 0 s, got {dt:g} s", "dt")
+        if dt == DT:
+            return cls(position)  # type: ignore[arg-type]  # which is checked there
         points = table(position, "position")
-        return cls(points) if dt == DT else cls.from_waypoints(np.arange(len(points)) * dt, points)
+        return cls._resampled(np.arange(len(points), dtype=np.float64) * dt, points)
 
     @classmethod
     def from_waypoints(cls, t: object, position: object) -> Self:
@@ -130,20 +134,31 @@ class Command:
         times = column(t, "t")
         points = table(position, "position")
         if len(times) != len(points):
-            raise InputError(f"t has {len(times)} rows, position has {len(points)}")
+            raise InputError(f"t has {len(times)} rows, position has {len(points)}", "t")
+        return cls._resampled(times, points)
+
+    @classmethod
+    def _resampled(cls, times: FloatArray, points: FloatArray) -> Self:
+        """Build a command from as many times as points, both of them finite numbers.
+
+        Raises:
+            InputError: see `from_waypoints`.
+        """
         _check_length(len(points))
         _check_extent(points)
         for row in np.flatnonzero(np.diff(times) < CLOCK_RESOLUTION):
             raise InputError(
                 f"t must increase: t[{row + 1}] = {times[row + 1]:.9g} s does not come after "
-                f"t[{row}] = {times[row]:.9g} s"
+                f"t[{row}] = {times[row]:.9g} s",
+                f"t[{row + 1}]",
             )
         duration = times[-1] - times[0]
         if duration > MAX_DURATION:
-            raise InputError(f"t spans {duration:g} s, at most {MAX_DURATION:g} s are allowed (is it in seconds?)")
+            message = f"t spans {duration:g} s, at most {MAX_DURATION:g} s are allowed (is it in seconds?)"
+            raise InputError(message, "t")
         grid = np.arange(int((duration + CLOCK_RESOLUTION) / DT) + 1) * DT
         if len(grid) < 2:
-            raise InputError(f"t spans {duration:g} s, at least {DT:g} s are needed")
+            raise InputError(f"t spans {duration:g} s, at least {DT:g} s are needed", "t")
         elapsed = times - times[0]
         if len(grid) == len(times) and np.allclose(elapsed, grid, rtol=0.0, atol=CLOCK_RESOLUTION):
             return cls(points)
@@ -202,14 +217,16 @@ class Command:
 
 def _check_length(samples: int) -> None:
     if samples < 2:
-        raise InputError(f"position has {samples} sample{'' if samples == 1 else 's'}, at least 2 are needed")
+        message = f"position has {samples} sample{'' if samples == 1 else 's'}, at least 2 are needed"
+        raise InputError(message, "position")
 
 
 def _check_extent(position: FloatArray) -> None:
     for row, axis in np.argwhere(np.abs(position) > MAX_POSITION):
         raise InputError(
             f"position[{row}], column {'xy'[axis]}: {position[row, axis]:g} m is beyond {MAX_POSITION:g} m "
-            "(is it in metres?)"
+            "(is it in metres?)",
+            f"position[{row}][{axis}]",
         )
 
 
@@ -237,20 +254,20 @@ def _parse_csv(content: str) -> dict[str, FloatArray]:
                 continue
             if len(cells) != len(header):
                 raise InputError(f"line {lines.line_num}: has {len(cells)} cells, the header has {len(header)}")
-            places = (f"line {lines.line_num}, column {name}" for name in header)
-            rows.append([_parse_cell(cell, place) for cell, place in zip(cells, places, strict=True)])
+            rows.append([_parse_cell(cell, lines.line_num, name) for cell, name in zip(cells, header, strict=True)])
     except csv.Error as error:
         raise InputError(f"line {lines.line_num}: not CSV: {error}") from error
     values = np.array(rows, dtype=np.float64).reshape(-1, len(header))
     return {name: values[:, index] for index, name in enumerate(header)}
 
 
-def _parse_cell(cell: str, place: str) -> float:
+def _parse_cell(cell: str, line: int, name: str) -> float:
+    key, place = f"line {line}, column {name}", f"line[{line}].{name}"
     try:
         value = float(cell.replace("_", "?"))  # Python's 1_000 is no number in a file
     except ValueError:
-        raise InputError(f"{place}: {cell[:20]!r} is not a number") from None
-    return number(value, place)
+        raise InputError(f"{key}: {cell[:20]!r} is not a number", place) from None
+    return number(value, key, place)
 
 
 def cubic_spline(t: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:

@@ -6,8 +6,12 @@ command line prints it in one line and exits with 2, a server maps the class to 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+Place = tuple[str | int, ...]
+"""A path into a document, as in ("command", "position", 3): names of keys and, from 0, indices of lists."""
 
 
 class SlideError(Exception):
@@ -15,7 +19,19 @@ class SlideError(Exception):
 
 
 class InputError(SlideError, ValueError):
-    """A value that was handed in is not usable: a command, a friction coefficient, a shape, a number."""
+    """A value that was handed in is not usable: a command, a friction coefficient, a shape, a number.
+
+    Args:
+        message: the thing, its value and the limit, in one line.
+        place: where the value stands, as a path or as the text of one; "" if it is not known, or all is meant.
+
+    Attributes:
+        place: the path, () if there is none.
+    """
+
+    def __init__(self, message: str, place: Place | str = "") -> None:
+        super().__init__(message)
+        self.place = parse_place(place) if isinstance(place, str) else place
 
 
 class FormatError(InputError):
@@ -58,3 +74,27 @@ def extra(name: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise MissingExtraError(f"{error.name} is not installed: {install_line(name)}") from error
+
+
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """Say of an InputError that is raised inside that its place is below this one; the message stays.
+
+    Args:
+        place: the text of a path, as in commands[3].
+    """
+    try:
+        yield
+    except InputError as error:
+        error.place = (*parse_place(place), *error.place)
+        raise
+
+
+def parse_place(text: str) -> Place:
+    """Read the text of a path: command.position[3] is ("command", "position", 3)."""
+    return tuple(int(part) if part.isdecimal() else part for part in re.findall(r"[^.\[\]]+", text))
+
+
+def place_text(place: Place) -> str:
+    """Return the text of a path: ("command", "position", 3) is command.position[3]."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")

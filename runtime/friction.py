@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any, Self
 
 import numpy as np
 
-from runtime.errors import InputError
+from runtime.documents.checks import fields
+from runtime.errors import InputError, within
 
 MAX_COEFFICIENT = 10.0
 """Largest friction coefficient accepted: rubber on rubber stays under 2; beyond 10 it is a slip of the pen."""
@@ -32,11 +34,26 @@ class Friction:
         for name in ("static", "kinetic"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-                raise InputError(f"friction {name} must be a number, got {value!r}")
+                raise InputError(f"friction {name} must be a number, got {value!r}", name)
             if not math.isfinite(value):
-                raise InputError(f"friction {name} must be finite, got {value}")
+                raise InputError(f"friction {name} must be finite, got {value}", name)
             if not 0.0 <= value <= MAX_COEFFICIENT:
-                raise InputError(f"friction {name} must be between 0 and {MAX_COEFFICIENT:g}, got {value:g}")
+                raise InputError(f"friction {name} must be between 0 and {MAX_COEFFICIENT:g}, got {value:g}", name)
             object.__setattr__(self, name, float(value))
         if self.kinetic > self.static:
             raise InputError(f"kinetic friction {self.kinetic:g} must not exceed static friction {self.static:g}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, document: object, where: str = "friction") -> Self:
+        """Read the JSON document; `where` is its key.
+
+        Raises:
+            InputError: a key is missing or unknown, or see `Friction`.
+        """
+        parts = fields(document, where, ("static", "kinetic"))
+        with within(where):
+            return cls(parts["static"], parts["kinetic"])

@@ -22,7 +22,7 @@ from typing import Any, Self
 import numpy as np
 
 from runtime.documents.checks import fields, number
-from runtime.errors import InputError
+from runtime.errors import InputError, within
 
 UNITS = {"pan_reach": "m", "acceleration": "m/s^2", "jerk": "m/s^3"}
 """The limits' names and units."""
@@ -57,9 +57,9 @@ class Limits:
         for name, unit in UNITS.items():
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-                raise InputError(f"limit {name} must be a number, got {value!r}")
+                raise InputError(f"limit {name} must be a number, got {value!r}", name)
             if not value > 0.0:
-                raise InputError(f"limit {name} must be greater than 0 {unit}, got {value:g} {unit}")
+                raise InputError(f"limit {name} must be greater than 0 {unit}, got {value:g} {unit}", name)
             object.__setattr__(self, name, float(value))
         if len({math.isinf(value) for value in vars(self).values()}) > 1:
             # Whether the pan can stop inside a reach is no question without a bound on how hard it may brake.
@@ -71,7 +71,8 @@ class Limits:
             value = getattr(self, name)
             if not USABLE[0] <= value <= USABLE[1]:
                 low, high = USABLE
-                raise InputError(f"limit {name} must be between {low:g} and {high:g} {unit}, got {value:g} {unit}")
+                message = f"limit {name} must be between {low:g} and {high:g} {unit}, got {value:g} {unit}"
+                raise InputError(message, name)
         ramp = self.acceleration / self.jerk
         if ramp > LONGEST_RAMP:
             raise InputError(
@@ -97,7 +98,9 @@ class Limits:
             InputError: a key is missing or unknown, or a value is no limit.
         """
         parts: Mapping[str, Any] = fields(document, where, tuple(UNITS))
-        return cls(**{name: number(parts[name], f"{where}.{name}") for name in UNITS})
+        values = {name: number(parts[name], f"{where}.{name}") for name in UNITS}
+        with within(where):
+            return cls(**values)
 
 
 NO_LIMITS = Limits(math.inf, math.inf, math.inf)

@@ -30,9 +30,9 @@ def check_states(value: object, name: str, chunk: int) -> FloatArray | None:
     try:
         states: FloatArray = np.asarray(value)
     except ValueError as error:  # ragged
-        raise InputError(f"{expected}: {error}") from error
+        raise InputError(f"{expected}: {error}", name) from error
     if states.dtype.kind not in "fiu" or states.shape not in ((chunk, 4), (4,)):
-        raise InputError(f"{expected}, got {states.dtype} of the shape {states.shape}")
+        raise InputError(f"{expected}, got {states.dtype} of the shape {states.shape}", name)
     found = states.astype(np.float64)
     return found if (np.abs(found) <= FARTHEST).all() else None  # false for what is not a number, too
 

@@ -88,7 +88,7 @@ class Plan:
             "format": PLAN_FORMAT,
             "dt": self.dt,
             "model": {"name": self.model_name, "sha256": self.model_sha256},
-            "friction": {"static": self.friction.static, "kinetic": self.friction.kinetic},
+            "friction": self.friction.to_dict(),
             "command": {"position": self.command_position},
             "pan": {
                 "acceleration": self.pan_acceleration,
@@ -121,7 +121,6 @@ class Plan:
             check_format(document, PLAN_FORMAT)
             parts = fields(document, "", ("format", "dt", "model", "friction", "command", "pan", "object", "quality"))
             model = fields(parts["model"], "model", ("name", "sha256"))
-            friction = fields(parts["friction"], "friction", ("static", "kinetic"))
             command = fields(parts["command"], "command", ("position",))
             pan = fields(parts["pan"], "pan", ("acceleration", "velocity", "position"))
             sliding = fields(parts["object"], "object", ("velocity", "position"))
@@ -142,7 +141,7 @@ class Plan:
                 dt=dt,
                 model_name=text(model["name"], "model.name"),
                 model_sha256=text(model["sha256"], "model.sha256"),
-                friction=Friction(friction["static"], friction["kinetic"]),
+                friction=Friction.from_dict(parts["friction"]),
                 command_position=position,
                 pan_acceleration=rows(pan["acceleration"], "pan.acceleration"),
                 pan_velocity=rows(pan["velocity"], "pan.velocity"),

@@ -121,7 +121,7 @@ class Planner:
             try:
                 commands.append(_command(position))
             except InputError as error:
-                raise InputError(f"command {index}: {error}") from error
+                raise InputError(f"command {index}: {error}", ("positions", index, *error.place[1:])) from error
         each = zip(
             _one_for_each(friction, "friction", len(commands)),
             _one_for_each(limits, "limits", len(commands)),
@@ -207,8 +207,7 @@ class Planner:
             dt=manifest.dt,
         )
         found = {
-            "static": job.friction.static,
-            "kinetic": job.friction.kinetic,
+            **job.friction.to_dict(),
             "reach": job.command.reach,
             "speed": job.command.speed,
             "samples": samples,
@@ -239,7 +238,7 @@ def _command(position: Command | ArrayLike) -> Command:
 
 def _value(given: Value | None, default: Value, name: str) -> Value:
     if given is not None and not isinstance(given, type(default)):
-        raise InputError(f"{name} must be a {type(default).__name__}, got {given!r}")
+        raise InputError(f"{name} must be a {type(default).__name__}, got {given!r}", name)
     return default if given is None else given
 
 
@@ -247,7 +246,7 @@ def _one_for_each(given: Value | Sequence[Value] | None, name: str, count: int) 
     if not isinstance(given, Sequence):
         return [given] * count
     if len(given) != count:
-        raise InputError(f"{name} must be one for all or one for each: {len(given)} for {count}")
+        raise InputError(f"{name} must be one for all or one for each: {len(given)} for {count}", name)
     return given
 
 
@@ -262,13 +261,13 @@ def _effort(milliseconds: float | None, iterations: int | None, limits: Limits) 
     if milliseconds is not None and iterations is not None:
         raise InputError("give refine_ms or refine_iterations, not both")
     if not limits.finite:
-        raise InputError("a plan is refined within limits, and there are none")
+        raise InputError("a plan is refined within limits, and there are none", "limits")
     name, value = ("refine_ms", milliseconds) if iterations is None else ("refine_iterations", iterations)
     amount = number(value, name)
     if amount < 0.0:
-        raise InputError(f"{name} must not be negative, got {amount:g}")
+        raise InputError(f"{name} must not be negative, got {amount:g}", name)
     if iterations is not None and amount != int(amount):
-        raise InputError(f"refine_iterations must be a whole number, got {amount:g}")
+        raise InputError(f"refine_iterations must be a whole number, got {amount:g}", name)
     kernels()
     return Effort(amount * 1e-3) if iterations is None else Effort(0.0, int(amount))
 
@@ -278,5 +277,5 @@ def _tolerance(tolerance: float | None) -> float | None:
         return None
     value = number(tolerance, "tolerance")
     if value <= 0.0:
-        raise InputError(f"tolerance must be greater than 0 m, got {value:g} m")
+        raise InputError(f"tolerance must be greater than 0 m, got {value:g} m", "tolerance")
     return value

@@ -42,7 +42,7 @@ class Start:
     def __post_init__(self) -> None:
         for name, value in vars(self).copy().items():
             if value is not None:
-                object.__setattr__(self, name, _pair(value, f"start {name}"))
+                object.__setattr__(self, name, _pair(value, name))
 
     def pan_state(self) -> FloatArray:
         """Return (4,) pan position and velocity."""
@@ -53,12 +53,13 @@ class Start:
         return np.array([*(position if self.object_position is None else self.object_position), *self.object_velocity])
 
 
-def _pair(value: Any, name: str) -> Pair:
+def _pair(value: Any, key: str) -> Pair:
+    name = f"start {key}"
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise InputError(f"{name} must be a pair of numbers [x, y], got {value!r}")
-    x, y = number(value[0], f"{name}[0]"), number(value[1], f"{name}[1]")
+        raise InputError(f"{name} must be a pair of numbers [x, y], got {value!r}", key)
+    x, y = (number(item, f"{name}[{axis}]", f"{key}[{axis}]") for axis, item in enumerate(value))
     if max(abs(x), abs(y)) > FARTHEST:
-        raise InputError(f"{name} must be between {-FARTHEST:g} and {FARTHEST:g}, got [{x:g}, {y:g}]")
+        raise InputError(f"{name} must be between {-FARTHEST:g} and {FARTHEST:g}, got [{x:g}, {y:g}]", key)
     return x, y

@@ -89,7 +89,7 @@ class Stream:
 
     def __init__(self, bundle: Bundle, job: Job) -> None:
         if not job.limits.finite:
-            raise InputError("a stream needs finite limits: without them there is no stop")
+            raise InputError("a stream needs finite limits: without them there is no stop", "limits")
         self._bundle, self._friction, self._limits = bundle, job.friction, job.limits
         self._lock = threading.Lock()
         self._carried = self._begin(job.start, job.command.position[0])

@@ -16,10 +16,11 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
+from runtime.errors import InputError
 from server.http import plans, stream
 from server.http.guard import Guard
 from server.http.openapi import describe, problems
-from server.problems import Problem, for_status
+from server.problems import Problem, for_input, for_status
 from server.service import Service
 from server.settings import Settings
 
@@ -56,6 +57,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.service = service
     app.add_exception_handler(Problem, _problem)
+    app.add_exception_handler(InputError, _input_error)
     app.add_exception_handler(HTTPException, _http_exception)
     app.include_router(plans.router)
     app.include_router(stream.router)
@@ -100,6 +102,11 @@ def _add_views(app: FastAPI, service: Service) -> None:
 async def _problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, Problem)
     return error.response()
+
+
+async def _input_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, InputError)
+    return for_input(error).response()
 
 
 async def _http_exception(request: Request, error: Exception) -> Response:

@@ -14,6 +14,8 @@ from typing import Any
 import orjson
 from starlette.responses import Response
 
+from runtime.errors import InputError, place_text
+
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:slide-planner:problem:"
 
@@ -77,6 +79,11 @@ class Problem(Exception):
     def response(self) -> Response:
         """Return it as a response."""
         return Response(orjson.dumps(self.to_dict()), self.status, dict(self.headers), MEDIA_TYPE)
+
+
+def for_input(error: InputError) -> Problem:
+    """Return the problem that an error about what was sent says, with its place."""
+    return Problem("invalid", str(error), place_text(error.place) or None)
 
 
 def for_status(status: int, headers: Mapping[str, str] | None = None) -> Problem:

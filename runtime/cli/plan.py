@@ -65,7 +65,7 @@ def slide_plan(
             {
                 "plan": str(output),
                 "model": {"name": plan.model_name, "sha256": plan.model_sha256},
-                "friction": {"static": friction.static, "kinetic": friction.kinetic},
+                "friction": friction.to_dict(),
                 "samples": len(plan),
                 "quality": quality.to_dict(),
                 "planning_time": duration,

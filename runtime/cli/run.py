@@ -83,7 +83,7 @@ def _replay(plan_file: Path, static: float | None, kinetic: float | None, report
         print_json(
             {
                 "plan": str(plan_file),
-                "friction": {"static": friction.static, "kinetic": friction.kinetic},
+                "friction": friction.to_dict(),
                 "samples": len(plan),
                 "tracking_rmse": rmse,
                 "tracking_max": worst,

@@ -1,4 +1,7 @@
-"""Strict checks of what was written by somebody else: numbers, texts, columns and tables, each named by its place."""
+"""Strict checks of what was written by somebody else: numbers, texts, columns and tables, each named by its place.
+
+A key is the text of a path, as in `limits.jerk`; it stands in the message, and the error carries it as its place.
+"""
 
 from __future__ import annotations
 
@@ -29,13 +32,13 @@ def fields(value: object, where: str, names: Sequence[str], optional: Sequence[s
     """
     place = f"{where}: " if where else ""
     if not isinstance(value, Mapping):
-        raise InputError(f"{place}must be an object with the keys {', '.join(names)}, got {reprlib.repr(value)}")
+        raise InputError(f"{place}must be an object with the keys {', '.join(names)}, got {reprlib.repr(value)}", where)
     for name in names:
         if name not in value:
-            raise InputError(f"{place}missing key {name!r}")
+            raise InputError(f"{place}missing key {name!r}", where)
     for name in value:
         if name not in names and name not in optional:
-            raise InputError(f"{place}unknown key {reprlib.repr(name)}")
+            raise InputError(f"{place}unknown key {reprlib.repr(name)}", where)
     return value
 
 
@@ -47,23 +50,29 @@ def check_format(value: object, expected: str) -> None:
     """
     found = value.get("format") if isinstance(value, Mapping) else None
     if not isinstance(found, str) or found != expected:
-        raise InputError(f"format must be {expected!r}, got {reprlib.repr(found)}")
+        raise InputError(f"format must be {expected!r}, got {reprlib.repr(found)}", "format")
 
 
-def number(value: object, key: str) -> float:
+def number(value: object, key: str, place: str | None = None) -> float:
     """Check that a value is a finite number: not a boolean, not a string, not null.
+
+    Args:
+        value: the value.
+        key: what the message calls it.
+        place: the text of its path, where that is another.
 
     Raises:
         InputError: it is not.
     """
+    place = key if place is None else place
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InputError(f"{key} must be a number, got {reprlib.repr(value)}")
+        raise InputError(f"{key} must be a number, got {reprlib.repr(value)}", place)
     try:
         result = float(value)
     except OverflowError:
         result = math.inf
     if not math.isfinite(result):
-        raise InputError(f"{key}: {reprlib.repr(value)} is not a finite number")
+        raise InputError(f"{key}: {reprlib.repr(value)} is not a finite number", place)
     return result
 
 
@@ -74,7 +83,7 @@ def text(value: object, key: str) -> str:
         InputError: not a string, or it holds control characters.
     """
     if not isinstance(value, str) or not value.isprintable():
-        raise InputError(f"{key} must be printable text, got {reprlib.repr(value)}")
+        raise InputError(f"{key} must be printable text, got {reprlib.repr(value)}", key)
     return value
 
 
@@ -88,16 +97,16 @@ def column(value: object, key: str) -> FloatArray:
         InputError: another shape, an element that is no finite number; the index is named (from 0).
     """
     if not isinstance(value, (np.ndarray, list, tuple)):
-        raise InputError(f"{key} must be a list of numbers, got {reprlib.repr(value)}")
+        raise InputError(f"{key} must be a list of numbers, got {reprlib.repr(value)}", key)
     if isinstance(value, np.ndarray):
         _check_dtype(value, key)
         if value.ndim != 1:
-            raise InputError(f"{key} must have the shape (K,), got {value.shape}")
+            raise InputError(f"{key} must have the shape (K,), got {value.shape}", key)
         result = value.astype(np.float64)
     else:
         result = np.array([number(item, f"{key}[{index}]") for index, item in enumerate(value)], dtype=np.float64)
     for index in np.flatnonzero(~np.isfinite(result)):
-        raise InputError(f"{key}[{index}]: {result[index]} is not a finite number")
+        raise InputError(f"{key}[{index}]: {result[index]} is not a finite number", f"{key}[{index}]")
     return result
 
 
@@ -118,24 +127,28 @@ def table(value: object, key: str) -> FloatArray:
         value = np.asarray(value)
         _check_dtype(value, key)
         if value.ndim != 2 or value.shape[1] != 2:
-            raise InputError(f"{key} must have the shape (K, 2), got {value.shape}")
+            raise InputError(f"{key} must have the shape (K, 2), got {value.shape}", key)
         result = value.astype(np.float64)
     elif isinstance(value, (list, tuple)):
         items: list[float] = []
         for index, row in enumerate(value):
             if not isinstance(row, (list, tuple, np.ndarray)) or len(row) != 2:
-                raise InputError(f"{key}[{index}] must be a pair of numbers [x, y], got {reprlib.repr(row)}")
-            for axis, item in zip("xy", row, strict=True):
+                place = f"{key}[{index}]"
+                raise InputError(f"{place} must be a pair of numbers [x, y], got {reprlib.repr(row)}", place)
+            for axis, item in enumerate(row):
                 plain = type(item) is float  # most are: no message is put together for them
-                items.append(item if plain else number(item, f"{key}[{index}], column {axis}"))
+                if not plain:
+                    item = number(item, f"{key}[{index}], column {'xy'[axis]}", f"{key}[{index}][{axis}]")
+                items.append(item)
         result = np.array(items, dtype=np.float64).reshape(-1, 2)
     else:
-        raise InputError(f"{key} must be a list of pairs of numbers [x, y], got {reprlib.repr(value)}")
+        raise InputError(f"{key} must be a list of pairs of numbers [x, y], got {reprlib.repr(value)}", key)
     for row, axis in np.argwhere(~np.isfinite(result)):
-        raise InputError(f"{key}[{row}], column {'xy'[axis]}: {result[row, axis]} is not a finite number")
+        message = f"{key}[{row}], column {'xy'[axis]}: {result[row, axis]} is not a finite number"
+        raise InputError(message, f"{key}[{row}][{axis}]")
     return result
 
 
 def _check_dtype(array: NDArray[Any], key: str) -> None:
     if array.dtype.kind not in "fiu":
-        raise InputError(f"{key} must hold numbers, got an array of {array.dtype}")
+        raise InputError(f"{key} must hold numbers, got an array of {array.dtype}", key)

@@ -34,12 +34,12 @@ def reading(source: str) -> Iterator[None]:
         source: the file's path, or the name of the document when it came over a wire.
 
     Raises:
-        FormatError: an InputError was raised inside; the message is preceded by `source`.
+        FormatError: an InputError was raised inside; the message is preceded by `source`, the place is the same.
     """
     try:
         yield
     except InputError as error:
-        raise FormatError(f"{source}: {error}") from error
+        raise FormatError(f"{source}: {error}", error.place) from error
 
 
 def read_bytes(path: Path) -> bytes:

@@ -99,7 +99,7 @@ class Manifest:
             "format": BUNDLE_FORMAT,
             **vars(self),
             "graphs": {name: graph._asdict() for name, graph in self.graphs.items()},
-            "friction": vars(self.friction).copy(),
+            "friction": self.friction.to_dict(),
             "trained_on": {name: list(limits) for name, limits in self.trained_on.items()},
             "training": dict(self.training),
             "evaluation": dict(self.evaluation),
@@ -127,7 +127,6 @@ class Manifest:
             if precision not in PRECISIONS:
                 raise InputError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
             bound = parts["acceleration_bound"]
-            friction = fields(parts["friction"], "friction", ("static", "kinetic"))
             graphs = fields(parts["graphs"], "graphs", (ENCODER, DECODER_STEP))
             trained_on = fields(parts["trained_on"], "trained_on", tuple(TRAINED_ON))
             for name in ("training", "evaluation"):
@@ -150,7 +149,7 @@ class Manifest:
                 units=_integer(parts["units"], "units", 1),
                 command_ahead=_integer(parts["command_ahead"], "command_ahead", 0),
                 acceleration_bound=bound,
-                friction=Friction(friction["static"], friction["kinetic"]),
+                friction=Friction.from_dict(parts["friction"]),
                 pan_limit=pan_limit,
                 trained_on={name: _range(value, f"trained_on.{name}") for name, value in trained_on.items()},
                 training=parts["training"],

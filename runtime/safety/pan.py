@@ -22,14 +22,18 @@ def begin(start: Start, limits: Limits) -> Motion:
         return Motion(state, RESTING, limits)
     size, distance, speed = math.hypot(state.ux, state.uy), math.hypot(*state[:2]), math.hypot(*state[2:4])
     if size > limits.acceleration:
-        raise InputError(f"start: pan acceleration {size:.4g} m/s^2 exceeds the limit, {limits.acceleration:g} m/s^2")
+        message = f"start: pan acceleration {size:.4g} m/s^2 exceeds the limit, {limits.acceleration:g} m/s^2"
+        raise InputError(message, "start")
     if distance > limits.pan_reach:
-        raise InputError(f"start: the pan is {distance:.4g} m from its centre, its reach is {limits.pan_reach:g} m")
+        message = f"start: the pan is {distance:.4g} m from its centre, its reach is {limits.pan_reach:g} m"
+        raise InputError(message, "start")
     shortest = 0.5 * speed * speed / limits.acceleration
     if shortest > 2.0 * limits.pan_reach:
         raise InputError(
             f"start: the pan is too fast to stop inside its reach: at {speed:.4g} m/s it needs {shortest:.4g} m within "
-            f"{limits.acceleration:g} m/s^2, and its reach of {limits.pan_reach:g} m is {2 * limits.pan_reach:g} m wide"
+            f"{limits.acceleration:g} m/s^2, and its reach of {limits.pan_reach:g} m is {2 * limits.pan_reach:g} m "
+            "wide",
+            "start",
         )
     brake = find_brake(state, limits)
     needed = stop_reach(state, brake)
@@ -37,7 +41,8 @@ def begin(start: Start, limits: Limits) -> Motion:
         raise InputError(
             f"start: the pan, {distance:.4g} m from its centre at {speed:.4g} m/s, cannot be sure to stop inside its "
             f"reach of {limits.pan_reach:g} m: within {limits.acceleration:g} m/s^2 and {limits.jerk:g} m/s^3 it may "
-            f"need {needed:.4g} m"
+            f"need {needed:.4g} m",
+            "start",
         )
     return Motion(state, brake, limits)
 

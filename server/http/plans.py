@@ -14,7 +14,7 @@ from starlette.responses import Response, StreamingResponse
 
 from server.http.body import read_body
 from server.http.openapi import REFERENCE, problems
-from server.http.schemas import PlanRequest, PlansRequest, asked, commands, read
+from server.http.schemas import PlanRequest, PlansRequest, read, to_commands, to_job
 from server.planning.dispatcher import Planned, Ticket
 from server.problems import MEDIA_TYPE, Problem
 from server.service import Service
@@ -52,8 +52,8 @@ async def plan(request: Request) -> Response:
         body = await read_body(request, service.settings)
         begin = time.perf_counter()
         wanted = read(PlanRequest, body)
-        (command,) = commands({"command": wanted.command}, service.settings.max_samples)
-        one = asked(wanted, command, dispatcher.manifest, service.settings)
+        (command,) = to_commands({"command": wanted.command}, service.settings.max_samples)
+        one = to_job(wanted, command, dispatcher.manifest, service.settings)
         reading = time.perf_counter() - begin
         (ticket,) = dispatcher.submit([one._replace(npz=media_type == NPZ)])
         planned = await settled(request, ticket, service.settings)
@@ -81,8 +81,8 @@ async def plans(request: Request) -> Response:
         if len(wanted.commands) > service.settings.max_commands:
             raise Problem("invalid", f"at most {service.settings.max_commands} commands are taken", "commands")
         places = {f"commands[{index}]": command for index, command in enumerate(wanted.commands)}
-        found = commands(places, service.settings.max_samples)
-        many = [asked(wanted, command, dispatcher.manifest, service.settings) for command in found]
+        found = to_commands(places, service.settings.max_samples)
+        many = [to_job(wanted, command, dispatcher.manifest, service.settings) for command in found]
         tickets = dispatcher.submit(many)
     return StreamingResponse(_lines(service, tickets), media_type=NDJSON)
 

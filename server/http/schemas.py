@@ -14,9 +14,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
 
 from runtime import Command, Friction, InputError, Start
+from runtime.errors import place_text, within
 from runtime.network.manifest import Manifest
 from runtime.physics.law import DT
-from server.planning.messages import Asked
+from server.planning.messages import PlanJob
 from server.problems import Problem
 from server.settings import Settings
 
@@ -147,52 +148,53 @@ def _problem(error: ValidationError) -> Problem:
         return Problem("malformed", first["msg"])
     place = first["loc"]
     if first["type"] == "extra_forbidden":  # the last part is a name the client made up
-        return Problem("invalid", "there is a name that is not known here", _path(place[:-1]))
-    return Problem("invalid", first["msg"], _path(place))
+        return Problem("invalid", "there is a name that is not known here", place_text(place[:-1]))
+    return Problem("invalid", first["msg"], place_text(place))
 
 
-def _path(place: tuple[int | str, ...]) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
-
-
-def commands(requests: Mapping[str, CommandRequest], most: int) -> list[Command]:
+def to_commands(requests: Mapping[str, CommandRequest], most: int) -> list[Command]:
     """Return the commands that were asked for, by their places in the request.
 
     Raises:
-        Problem: `invalid`, with the place: one is too long, or its numbers make no command.
+        InputError: one is too long, or its numbers make no command; the place is named.
     """
     result = []
     for place, request in requests.items():
         samples = request.samples()
         if samples > most:
-            raise Problem("invalid", f"the command has {samples:.0f} samples at 1 kHz, at most {most} are taken", place)
-        try:
+            raise InputError(f"the command has {samples:.0f} samples at 1 kHz, at most {most} are taken", place)
+        with within(place):
             result.append(request.command())
-        except InputError as error:
-            raise Problem("invalid", str(error), place) from None
     return result
 
 
-def asked(options: Options, command: Command, manifest: Manifest, settings: Settings) -> Asked:
+def to_job(options: Options, command: Command, manifest: Manifest, settings: Settings) -> PlanJob:
     """Return what is to be planned, with the manifest's values where nothing was said.
 
     Raises:
-        Problem: `invalid`, with the place.
+        InputError: a value cannot be planned with; the place is named.
     """
-    try:
-        place, friction, limits, start = "friction", manifest.friction, manifest.limits, Start()
-        if options.friction is not None:
+    friction, limits, start = manifest.friction, manifest.limits, Start()
+    if options.friction is not None:
+        with within("friction"):
             friction = Friction(options.friction.static, options.friction.kinetic)
-        place = "limits"
-        if options.limits is not None:
+    if options.limits is not None:
+        with within("limits"):
             limits = replace(limits, **options.limits.model_dump(exclude_none=True))
-        place = "start"
-        if options.start is not None:
-            start = Start(**options.start.model_dump())
-    except InputError as error:
-        raise Problem("invalid", str(error), place) from None
+    if options.start is not None:
+        start = to_start(options.start)
     if not isinstance(options, PlanRequest):
-        return Asked(command, friction, limits, start)
+        return PlanJob(command, friction, limits, start)
     if options.refine_ms is not None and options.refine_ms > settings.max_refine_ms:
-        raise Problem("invalid", f"at most {settings.max_refine_ms:g} ms are spent", "refine_ms")
-    return Asked(command, friction, limits, start, options.refine_ms or None, options.tolerance)
+        raise InputError(f"at most {settings.max_refine_ms:g} ms are spent", "refine_ms")
+    return PlanJob(command, friction, limits, start, options.refine_ms or None, options.tolerance)
+
+
+def to_start(request: StartRequest) -> Start:
+    """Return a start.
+
+    Raises:
+        InputError: a value is beyond all reason; the place is named.
+    """
+    with within("start"):
+        return Start(**request.model_dump())

@@ -25,8 +25,18 @@ from runtime import Command, InputError, Planner, Start, Stream
 from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_chunk, unpack_step
 from runtime.documents.checks import FloatArray
 from server.http.guard import carries_token
-from server.http.schemas import CommandRequest, Finite, Options, StartRequest, Strict, asked, commands, read
-from server.problems import Problem
+from server.http.schemas import (
+    CommandRequest,
+    Finite,
+    Options,
+    StartRequest,
+    Strict,
+    read,
+    to_commands,
+    to_job,
+    to_start,
+)
+from server.problems import Problem, for_input
 from server.service import Service
 
 POLICY_VIOLATION = 1008
@@ -120,7 +130,8 @@ async def stream(socket: WebSocket) -> None:
         await socket.accept()
         try:
             await _follow(socket, service, planner)
-        except Problem as problem:
+        except (Problem, InputError) as error:
+            problem = for_input(error) if isinstance(error, InputError) else error
             await socket.send_text(orjson.dumps(problem.to_dict()).decode())
             await socket.close(POLICY_VIOLATION, problem.name)
         except WebSocketDisconnect:
@@ -145,17 +156,15 @@ async def _follow(socket: WebSocket, service: Service, planner: Planner) -> None
 
     Raises:
         Problem: a message is not what it must be, comes too soon or too late.
+        InputError: what it asks for cannot be followed.
         WebSocketDisconnect: the client left.
     """
     settings, manifest = service.settings, planner.bundle.manifest
     opening = await _receive(socket, settings.stream_idle)
     request = read(StreamRequest, opening if isinstance(opening, bytes) else opening.encode("utf-8", "replace"))
-    (command,) = commands({"command": request.command}, settings.max_samples)
-    one = asked(request, command, manifest, settings)
-    try:
-        following = planner.stream(one.command, one.friction, limits=one.limits, start=one.start)
-    except InputError as error:
-        raise Problem("invalid", str(error), "start") from None
+    (command,) = to_commands({"command": request.command}, settings.max_samples)
+    job = to_job(request, command, manifest, settings)
+    following = planner.stream(job.command, job.friction, limits=job.limits, start=job.start)
     model = {"name": manifest.name, "sha256": planner.bundle.sha256}
     opened = {"format": STREAM_FORMAT, "chunk": manifest.chunk, "dt": manifest.dt, "model": model}
     await socket.send_text(orjson.dumps(opened).decode())
@@ -166,10 +175,7 @@ async def _follow(socket: WebSocket, service: Service, planner: Planner) -> None
         pace.check()
         if turn.step.sequence != expected:
             raise Problem("invalid", f"step {expected} is expected", "sequence")
-        try:
-            chunk = turn.take(following)
-        except InputError as error:
-            raise Problem("invalid", str(error)) from None
+        chunk = turn.take(following)
         service.metrics.chunks.inc()
         expected = (expected + 1) % (1 << 32)
         if request.packed:
@@ -201,6 +207,7 @@ def _turn(message: str | bytes, most: int, chunk: int) -> Turn:
 
     Raises:
         Problem: `malformed` or `invalid`, with the place.
+        InputError: a command or a start cannot be followed.
     """
     if isinstance(message, bytes):
         try:
@@ -212,8 +219,8 @@ def _turn(message: str | bytes, most: int, chunk: int) -> Turn:
     request = read(StepRequest, message.encode("utf-8", "replace"))
     pan, sliding = (np.array(rows) if rows else None for rows in (request.pan, request.object))
     _check_rows(chunk, pan=pan, object=sliding)
-    start = None if request.start is None else Start(**request.start.model_dump())
-    command = None if request.command is None else commands({"command": request.command}, most)[0]
+    start = None if request.start is None else to_start(request.start)
+    command = None if request.command is None else to_commands({"command": request.command}, most)[0]
     return Turn(Step(request.sequence, pan, sliding, request.age), start, command)
 
 

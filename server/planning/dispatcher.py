@@ -23,9 +23,9 @@ from typing import NamedTuple
 from runtime.network.manifest import Manifest
 from runtime.network.reader import chunk_count
 from server.metrics import Metrics
-from server.planning.messages import Asked, Failed, Made, Order
+from server.planning.messages import Failed, Made, Order, PlanJob
 from server.planning.process import Process
-from server.problems import Problem
+from server.problems import Problem, for_input
 from server.settings import Settings
 
 log = logging.getLogger("slide-serve")
@@ -59,7 +59,7 @@ class Ticket:
         started: whether the process has it.
     """
 
-    asked: Asked
+    asked: PlanJob
     chunks: int
     ready: asyncio.Future[Planned]
     entered: float = field(default_factory=time.perf_counter)
@@ -120,7 +120,7 @@ class Dispatcher:
         since = self._busy_since
         return 0.0 if since is None else time.perf_counter() - since
 
-    def submit(self, many: Sequence[Asked]) -> list[Ticket]:
+    def submit(self, many: Sequence[PlanJob]) -> list[Ticket]:
         """Let commands wait to be planned; a ticket that is cancelled is passed over.
 
         Raises:
@@ -213,8 +213,8 @@ class Dispatcher:
             if isinstance(answer, Made):
                 self._metrics.plan(answer, len(ticket.asked.command))
                 ticket.settle(Planned(body, queue, answer.encode, answer.decode, answer.write))
-            elif answer.wrong:
-                ticket.settle(Problem("invalid", answer.wrong, "start"))
+            elif answer.error is not None:
+                ticket.settle(for_input(answer.error))
             else:
                 ticket.settle(Problem("failed", "the plan could not be made"))
         self._busy_since = None

@@ -7,7 +7,7 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
-from runtime import Command, Friction, Limits, Start
+from runtime import Command, Friction, InputError, Limits, Start
 
 LENGTHS = struct.Struct("<QQ")
 
@@ -29,7 +29,7 @@ class Order(NamedTuple):
     compile: bool
 
 
-class Asked(NamedTuple):
+class PlanJob(NamedTuple):
     """What is to be planned, in the runtime's terms; written as npz or as JSON."""
 
     command: Command
@@ -61,10 +61,10 @@ class Made(NamedTuple):
 
 
 class Failed(NamedTuple):
-    """A plan that could not be made; what is wrong with what was asked, or nothing, "", if it is not to blame."""
+    """A plan that could not be made, and the error if what was asked for is to blame."""
 
     number: int
-    wrong: str
+    error: InputError | None
 
 
 def packed(message: object, follows: int = 0) -> bytes:

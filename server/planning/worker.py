@@ -1,9 +1,9 @@
 """The planning process: it plans, judges and writes, so that the server's event loop has only bytes to move.
 
-The server starts it with one end of a socket and sends an Order; the answer is what is wrong, or nothing, "". From then
-on each list of Asked is one batch, answered by a Made or a Failed for each of it, as soon as it is written. The process
-ends when the socket does. Messages are pickled, which is safe between two programs that are one. The plan itself comes
-after its message as it is: to pickle it would copy it three times more. The lengths of both go before.
+The server starts it with one end of a socket and sends an Order; the answer is what is wrong, or nothing, "". From
+then on each list of PlanJob is one batch, answered by a Made or a Failed for each of it, as soon as it is written. The
+process ends when the socket does. Messages are pickled, which is safe between two programs that are one. The plan
+itself comes after its message as it is: to pickle it would copy it three times more. The lengths of both go before.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import orjson
 from runtime import BundleError, InputError, Plan, Planner, SlideError, Status
 from runtime.network.bundle import Bundle, DecoderState, Float32Array
 from runtime.physics.law import compile_law
-from server.planning.messages import LENGTHS, Asked, Failed, Made, Order, packed
+from server.planning.messages import LENGTHS, Failed, Made, Order, PlanJob, packed
 
 log = logging.getLogger("slide-serve")
 
@@ -73,7 +73,7 @@ class Worker:
             many = self._receive()
             self._plan(many, range(len(many)))
 
-    def _plan(self, many: list[Asked], indices: range) -> None:
+    def _plan(self, many: list[PlanJob], indices: range) -> None:
         """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
         begin, self._bundle.spent[0] = time.perf_counter(), 0.0
         try:
@@ -85,7 +85,7 @@ class Worker:
                 return
             if not isinstance(error, InputError):
                 log.exception("planning failed")
-            self._send(Failed(indices[0], str(error) if isinstance(error, InputError) else ""))
+            self._send(Failed(indices[0], error if isinstance(error, InputError) else None))
             return
         encode, together = self._bundle.spent[0], len(indices)
         decode = time.perf_counter() - begin - encode
@@ -96,7 +96,7 @@ class Worker:
             self._send(Made(index, plan.quality.status.value, together, encode, decode, write), body)
             together = 0
 
-    def _plans(self, many: list[Asked]) -> list[Plan]:
+    def _plans(self, many: list[PlanJob]) -> list[Plan]:
         if len(many) == 1:
             command, friction, limits, start, refine_ms, tolerance, _ = many[0]
             plan = self._planner.plan(

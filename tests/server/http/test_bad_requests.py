@@ -189,9 +189,16 @@ def test_problem_says_the_place_of_the_fault(server: Any) -> None:
 
     assert place(command={"dt": 0.001, "position": [[0, 0], [0, "1"]]})[0] == "command.position[1][1]"
     assert place(friction={"static": 0.3, "kinetic": 0.5})[0] == "friction"
+    assert place(friction={"static": 30.0, "kinetic": 0.5})[0] == "friction.static"
+    assert place(limits={"jerk": 1e-9})[0] == "limits.jerk"
     assert place(start={"pan_position": [5.0, 0.0]})[0] == "start"
+    assert place(start={"pan_position": [0.0, 1e9]})[0] == "start.pan_position"
+    assert place(refine_ms=3.6e6)[0] == "refine_ms"
+    assert place(command={"t": [0.0, 0.2, 0.1], "position": [[0, 0]] * 3})[0] == "command.t[2]"
+    many = server.post("/plans", json={"commands": [GOOD["command"], {"dt": 0.001, "position": [[0, 0], [0, 1000]]}]})
+    assert many.json()["place"] == "commands[1].position[1][1]"
     where, detail = place(command={"dt": 0.001, "position": [[0, 0], [0, 0], [1, 0]]})
-    assert where == "command"
+    assert where == "command.position"
     assert "jumps by 1 m from sample 1 to 2" in detail
 
 
