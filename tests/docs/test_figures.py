@@ -42,6 +42,21 @@ def test_what_the_network_knows_is_what_its_manifest_says() -> None:
     assert f"kinetic friction from {known['kinetic'][0]} to {known['kinetic'][1]}" in sentence
 
 
+def test_figures_of_the_readme_are_those_of_the_results() -> None:
+    table = README[README.index("## How good it is") :]
+    accuracy, peers, arm = (read(f"docs/results/{page}.md") for page in ("accuracy", "peers", "arm"))
+    spline = cells(accuracy, "| `spline`")[2]
+    optimizer = cells(peers, "|  | CEM | 64")
+    long = [float(value) for value in cells(accuracy, "| 60 s, by windows")[1:]]
+    on_arm = cells(arm, "| object to command, `spline`, closed loop")[1]
+    assert cells(table, "| 64 random paths")[1:] == [
+        f"{float(spline):.1f} mm",
+        f"{float(optimizer[3].split()[0]):.1f} mm, in {round(float(optimizer[6]), -2):g} times the time",
+    ]
+    assert cells(table, "| paths of 60 s")[1] == f"{min(long):.1f} to {max(long):.1f} mm"
+    assert on_arm.startswith(f"**{cells(table, '| on the simulated arm')[1]}**")
+
+
 def test_shipped_networks_are_described_as_they_are() -> None:
     page = read("docs/guide/train.md")
     default = re.search(r"\| `default` \| (\d+) units", page)
@@ -112,6 +127,12 @@ def test_python_of_the_guides_runs(name: str, tmp_path: Path, monkeypatch: pytes
 
 def pages() -> list[Path]:
     return sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "decisions")
+
+
+def cells(text: str, beginning: str) -> list[str]:
+    """Return the cells of the table row that begins so."""
+    (row,) = [line for line in text.splitlines() if line.startswith(beginning)]
+    return [cell.strip() for cell in row.strip("|").split("|")]
 
 
 def read(path: str) -> str:

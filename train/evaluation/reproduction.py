@@ -159,9 +159,9 @@ def _arm(figure_class: Any, subjects: Sequence[Subject], arm_rows: ArmRows) -> t
         f"""
 ## Fig. 9: reproduced trajectories on the arm in pybullet
 
-Written by `slide-eval RUN ... --reproduce docs --pybullet`. The friction in pybullet is 0.5, static and kinetic, and
-the models are not told; they plan for 1.0/0.5. The trajectories are executed open loop, as in the paper; an object's
-line ends where it falls off the pan or topples.
+Written by `slide-eval RUN ... --reproduce docs/results --pybullet`. The friction in pybullet is 0.5, static and
+kinetic, and the models are not told; they plan for 1.0/0.5. The trajectories are executed open loop, as in the paper;
+an object's line ends where it falls off the pan or topples.
 
 ![Object and pan positions of each model on the arm](reproduction-arm-trajectories.png)
 
@@ -197,7 +197,7 @@ def _document(subjects: Sequence[Subject]) -> str:
     still = float(tracking_rmse(np.zeros_like(position), position).mean())
     return f"""# The paper's evaluation, reproduced
 
-Written by `slide-eval RUN ... --reproduce docs`; figures over 64 commands whose acceleration is a B-spline
+Written by `slide-eval RUN ... --reproduce docs/results`; figures over 64 commands whose acceleration is a B-spline
 (Section IV-B), K = 1200, friction 1.0/0.5. A pan that never moves has an error of {MM * still:.1f} mm on them.
 
 {chr(10).join(rows)}
