@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from benchmarks.pictures.screenshots import ARGUMENTS, PATIENCE, chromium
+from benchmarks.pictures.browser import ARGUMENTS, PATIENCE, chromium
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import socket
 import tempfile
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from benchmarks.pictures.browser import ARGUMENTS, PATIENCE, chromium
 from benchmarks.sections.server import serving
 from runtime.cli.console import run, say
 from runtime.command import Command
@@ -23,20 +22,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 NAME = "benchmarks.pictures.screenshots"
-PATIENCE = 60_000.0
-"""How long a page may take (ms), in a browser without a graphics card on a busy machine."""
-
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-"""Of a browser that asks nothing of anybody else."""
-
 REPORTED = Path(__file__).resolve().parents[2] / "examples" / "figure_eight.csv"
 MOMENT = 0.62
 """When the report's animation is looked at (s)."""
@@ -64,11 +49,6 @@ def screenshots(
         _seek(page, MOMENT)
         _take(page, folder / "report.png")
         browser.close()
-
-
-def chromium() -> str | None:
-    """Return the browser to use: that of `SLIDE_CHROMIUM`, or the system's; None if there is none."""
-    return os.environ.get("SLIDE_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 
 
 def _take_page(browser: Browser, port: int, picture: Path, width: int, scheme: str, example: str) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from benchmarks.pictures.screenshots import PATIENCE
+from benchmarks.pictures.browser import PATIENCE
 from runtime import Command, Plan
 from runtime.report.report import render_report
 

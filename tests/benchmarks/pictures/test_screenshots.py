@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
 import sys
 
 import pytest
 
 from benchmarks.pictures import screenshots
+from benchmarks.pictures.browser import chromium
 from runtime.cli.console import run
 
 
@@ -19,7 +21,7 @@ def call(folder, monkeypatch):
     return caught.value.code
 
 
-@pytest.mark.skipif(not (screenshots.chromium() or os.environ.get("CI")), reason="no Chromium")
+@pytest.mark.skipif(not (chromium() or os.environ.get("CI")), reason="no Chromium")
 def test_pictures_are_as_wide_as_the_windows(tmp_path, monkeypatch):
     assert not call(tmp_path, monkeypatch)
     sizes = {path.stem: struct.unpack(">II", path.read_bytes()[16:24]) for path in tmp_path.iterdir()}
@@ -30,6 +32,6 @@ def test_pictures_are_as_wide_as_the_windows(tmp_path, monkeypatch):
 
 def test_without_a_browser_it_says_what_to_do(tmp_path, monkeypatch, capsys):
     monkeypatch.delenv("SLIDE_CHROMIUM", raising=False)
-    monkeypatch.setattr(screenshots.shutil, "which", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda name: None)
     assert call(tmp_path, monkeypatch) == 2
     assert "no Chromium here: install it" in capsys.readouterr().err
