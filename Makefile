@@ -28,7 +28,7 @@ test: $(VENV)/dev.stamp ## run every test
 	$(BIN)/python -m pytest
 
 nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind
-	SLIDE_SEQUENCES=100000 $(BIN)/python -m pytest tests/runtime/test_governor.py --durations 5 --timeout 14400
+	SLIDE_SEQUENCES=100000 $(BIN)/python -m pytest tests/runtime/safety/test_governor.py --durations 5 --timeout 14400
 
 check: $(VENV)/dev.stamp docs ## lint, formatting, types, and the documentation with its links
 	$(BIN)/ruff check .
@@ -41,11 +41,11 @@ docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
 bench: $(VENV)/dev.stamp ## accuracy on the suite, and speed beside torch
 	$(BIN)/slide-bench
 
-bench-server: $(VENV)/dev.stamp ## the server under load, with the figures asked for beside
+bench-server: $(VENV)/dev.stamp ## the server under load, beside its targets
 	$(BIN)/python -m benchmarks.sections.server
 
 soak: $(VENV)/dev.stamp ## the same for half an hour, and 200 examples an operation of the OpenAPI document
-	SLIDE_EXAMPLES=200 $(BIN)/python -m pytest tests/server/test_openapi.py --timeout 7200
+	SLIDE_EXAMPLES=200 $(BIN)/python -m pytest tests/server/http/test_openapi.py --timeout 7200
 	$(BIN)/python -m benchmarks.sections.server --soak
 
 clean: ## remove the environment and what was built

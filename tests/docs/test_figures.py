@@ -107,6 +107,11 @@ def test_files_that_are_named_exist() -> None:
             assert (ROOT / file).exists(), f"{path.name} names {file}"
 
 
+def test_files_of_the_makefile_exist() -> None:
+    for file in re.findall(r"(?<=\s)(?:tests|examples|docs)/[\w/.-]+", read("Makefile")):
+        assert (ROOT / file).exists(), file
+
+
 def test_sections_of_the_benchmark_are_those_that_are_named() -> None:
     scripts = tomllib.loads(read("pyproject.toml"))["project"]["scripts"]
     assert "slide-bench" in scripts
