@@ -1,8 +1,9 @@
 /** The pen: a path from the mouse, a finger or the arrow keys, kept on the pan. */
 
 import { keepWithin, lengthOf } from "./path.js";
+import { RADIUS } from "./viewer/motion.js";
 
-const REACH = 0.15;  // m from the middle of the pan: there the object touches the rim
+const REACH = RADIUS.pan - RADIUS.object;  // m from the middle of the pan: there the object touches the rim
 const MOST = 2.5;  // m: then the ink is out
 const GRAIN = 0.0008;  // m: closer points tell nothing but the tremor of the hand
 const STEP = 0.005, FINE_STEP = 0.001;  // m: what an arrow key draws, and with Shift
