@@ -21,8 +21,8 @@ from runtime.documents.checks import FloatArray, check_format, fields, number, t
 from runtime.documents.files import parse_json, parse_npz, read_bytes, read_text, reading, write_whole
 from runtime.errors import InputError, OutputError
 from runtime.friction import Friction
-from runtime.physics.law import rollout
-from runtime.physics.motion import tracking_error
+from runtime.physics.law import DT, rollout
+from runtime.physics.motion import Motion, tracking_error
 from runtime.quality import Quality, Status, assess
 
 __all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "assess", "check_suffix", "tracking_error"]
@@ -59,6 +59,32 @@ class Plan:
     object_velocity: FloatArray
     object_position: FloatArray
     quality: Quality
+
+    @classmethod
+    def of(
+        cls,
+        motion: Motion,
+        command_position: FloatArray,
+        friction: Friction,
+        quality: Quality,
+        model_name: str,
+        model_sha256: str = "",
+    ) -> Self:
+        """Return the plan of a motion of K samples at 1 kHz, in arrays of its own; for the others see the class."""
+        pan, sliding = motion.pan[:-1], motion.sliding[:-1]
+        return cls(
+            dt=DT,
+            model_name=model_name,
+            model_sha256=model_sha256,
+            friction=friction,
+            command_position=command_position.copy(),
+            pan_acceleration=motion.acceleration.copy(),
+            pan_velocity=pan[:, 2:].copy(),
+            pan_position=pan[:, :2].copy(),
+            object_velocity=sliding[:, 2:].copy(),
+            object_position=sliding[:, :2].copy(),
+            quality=quality,
+        )
 
     def __len__(self) -> int:
         """Return the number of samples, K."""

@@ -19,11 +19,11 @@ from runtime.network.bundle import SHIPPED, Bundle
 from runtime.network.decode import Job, decode
 from runtime.network.manifest import TRAINED_ON
 from runtime.network.reader import chunk_count
-from runtime.physics.motion import Decoded
+from runtime.physics.motion import Motion
 from runtime.plan import Plan
-from runtime.quality import Record, assess, friction_range
+from runtime.quality import assess, friction_range
 from runtime.refine.refine import Effort, kernels, refine
-from runtime.safety.pan import begin
+from runtime.safety.pan import Pan
 from runtime.start import Start
 from runtime.stream import Stream
 
@@ -88,10 +88,10 @@ class Planner:
         job = Job(_command(position), *self._defaults(friction, limits, start))
         effort = _effort(refine_ms, refine_iterations, job.limits)
         held = _tolerance(tolerance)
-        decoded = decode(self.bundle, [job]).one(0)
+        motion = decode(self.bundle, [job]).one(0)
         if effort is not None:
-            decoded = self._refined(job, decoded, effort)
-        return self._plan(job, decoded, held)
+            motion = self._refined(job, motion, effort)
+        return self._plan(job, motion, held)
 
     def plan_batch(
         self,
@@ -135,9 +135,9 @@ class Planner:
             groups[chunk_count(job.command, self.bundle.manifest)].append(index)
         plans: dict[int, Plan] = {}
         for indices in groups.values():
-            decoded = decode(self.bundle, [jobs[index] for index in indices])
+            motions = decode(self.bundle, [jobs[index] for index in indices])
             for row, index in enumerate(indices):
-                plans[index] = self._plan(jobs[index], decoded.one(row), held)
+                plans[index] = self._plan(jobs[index], motions.one(row), held)
         return [plans[index] for index in range(len(jobs))]
 
     def stream(
@@ -173,39 +173,23 @@ class Planner:
             _value(start, AT_REST, "start"),
         )
 
-    def _refined(self, job: Job, decoded: Decoded, effort: Effort) -> Decoded:
-        """Return one command's decoding refined, or as it is if that makes it no better."""
-        samples = len(job.command)
+    def _refined(self, job: Job, motion: Motion, effort: Effort) -> Motion:
+        """Return one command's motion refined, or as it is if that makes it no better."""
         better = refine(
-            decoded.acceleration[:samples],
-            begin(job.start, job.limits),
-            decoded.sliding[0],
+            motion.acceleration[: len(job.command)],
+            Pan.at_start(job.start, job.limits),
+            motion.sliding[0],
             job.command.position,
             job.friction,
             self.bundle.manifest.chunk,
             effort,
         )
-        return decoded if better is None else Decoded(*better)
+        return motion if better is None else better
 
-    def _plan(self, job: Job, decoded: Decoded, tolerance: float | None) -> Plan:
-        """Cut what was decoded back to the command's K samples and judge it."""
-        u, asked, pan, sliding = decoded
-        manifest, samples = self.bundle.manifest, len(job.command)
-        motion = {
-            "command_position": job.command.position,
-            "pan_acceleration": u[:samples],
-            "pan_position": pan[:samples, :2],
-            "object_velocity": sliding[:samples, 2:],
-            "object_position": sliding[:samples, :2],
-        }
-        # Copies, so that a plan does not keep the whole batch alive that it was made in.
-        motion = {name: array.copy() for name, array in motion.items()}
-        record = Record(
-            **motion,
-            asked=asked[:samples],
-            acceleration_before=np.array(job.start.pan_acceleration),
-            dt=manifest.dt,
-        )
+    def _plan(self, job: Job, motion: Motion, tolerance: float | None) -> Plan:
+        """Cut a motion back to the command's K samples and judge it."""
+        manifest, command, samples = self.bundle.manifest, job.command.position, len(job.command)
+        motion = motion.first(samples)
         found = {
             **job.friction.to_dict(),
             "reach": job.command.reach,
@@ -213,23 +197,17 @@ class Planner:
             "samples": samples,
         }
         quality = assess(
-            record,
+            motion,
+            command,
+            np.array(job.start.pan_acceleration),
             limits=job.limits,
             found={name: (value, TRAINED_ON[name]) for name, value in found.items()},
             trained_on=manifest.trained_on,
             friction=None
             if tolerance is None
-            else friction_range(record, job.friction, tolerance, manifest.trained_on),
+            else friction_range(motion, command, job.friction, tolerance, manifest.trained_on),
         )
-        return Plan(
-            dt=manifest.dt,
-            model_name=manifest.name,
-            model_sha256=self.bundle.sha256,
-            friction=job.friction,
-            quality=quality,
-            pan_velocity=pan[:samples, 2:].copy(),
-            **motion,
-        )
+        return Plan.of(motion, command, job.friction, quality, manifest.name, self.bundle.sha256)
 
 
 def _command(position: Command | ArrayLike) -> Command:

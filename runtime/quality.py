@@ -15,8 +15,8 @@ from runtime.documents.checks import FloatArray, fields, number, text
 from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.limits import UNITS, Limits
-from runtime.physics.law import rollout_batch
-from runtime.physics.motion import _lengths, tracking_error
+from runtime.physics.law import DT, rollout_batch
+from runtime.physics.motion import Motion, lengths, tracking_error
 
 FIGURES = {"pan_reach": "pan_reach", "acceleration": "acceleration_max", "jerk": "jerk_max"}
 """The figure of `Quality` that each limit bounds."""
@@ -178,32 +178,10 @@ def _optional(value: object, where: str) -> float | None:
     return None if value is None else number(value, where)
 
 
-class Record(NamedTuple):
-    """What was planned, row by row (K, 2), as in `runtime.plan`, and what it was planned from.
-
-    Attributes:
-        command_position: where the object should be (m).
-        pan_acceleration: (m/s^2).
-        asked: the acceleration that the network asked for (m/s^2).
-        pan_position: relative to the centre of the reach (m).
-        object_velocity: predicted (m/s).
-        object_position: predicted (m).
-        acceleration_before: (2,) of the pan over the sample before the first (m/s^2).
-        dt: sampling interval (s).
-    """
-
-    command_position: FloatArray
-    pan_acceleration: FloatArray
-    asked: FloatArray
-    pan_position: FloatArray
-    object_velocity: FloatArray
-    object_position: FloatArray
-    acceleration_before: FloatArray
-    dt: float
-
-
 def assess(
-    record: Record,
+    motion: Motion,
+    command_position: FloatArray,
+    acceleration_before: FloatArray,
     limits: Limits,
     found: Mapping[str, tuple[float, str]],
     trained_on: Mapping[str, tuple[float, float]],
@@ -212,22 +190,25 @@ def assess(
     """Judge a plan.
 
     Args:
-        record: what was planned.
+        motion: K samples of pan and object, as planned; the states after the last are not looked at.
+        command_position: (K, 2) where the object should be (m).
+        acceleration_before: (2,) of the pan over the sample before the first (m/s^2).
         limits: what the governor kept it to.
         found: by the names in `trained_on`, what the command and the friction are, and the unit.
         trained_on: the lowest and highest value the model was trained on.
         friction: under which friction the plan holds a tolerance, and which; None if there is no tolerance.
     """
-    u = record.pan_acceleration
-    rmse, farthest = tracking_error(record.object_position, record.command_position)
+    u, asked, pan, sliding = motion
+    pan, sliding = pan[:-1], sliding[:-1]
+    rmse, farthest = tracking_error(sliding[:, :2], command_position)
     along = {
-        "pan_reach": _lengths(record.pan_position),
-        "acceleration": _lengths(u),
-        "jerk": _lengths(u - np.concatenate([record.acceleration_before[None], u[:-1]])) / record.dt,
+        "pan_reach": lengths(pan[:, :2]),
+        "acceleration": lengths(u),
+        "jerk": lengths(u - np.concatenate([acceleration_before[None], u[:-1]])) / DT,
     }
     figures = {FIGURES[name]: float(values.max()) for name, values in along.items()}
     held = {name: value if limits.finite else None for name, value in limits.to_dict().items()}
-    changes = _count_changes(u, record.asked, limits)
+    changes = _count_changes(u, asked, limits)
     missed = []
     if friction is not None and rmse > friction.tolerance:
         missed.append(f"tracking RMSE {rmse:.4g} m exceeds the tolerance of {friction.tolerance:g} m")
@@ -242,7 +223,7 @@ def assess(
         tracking_rmse=rmse,
         tracking_max=farthest,
         **figures,
-        sliding_share=float(np.mean((record.object_velocity[:, 0] != 0.0) | (record.object_velocity[:, 1] != 0.0))),
+        sliding_share=float(np.mean((sliding[:, 2] != 0.0) | (sliding[:, 3] != 0.0))),
         limits=held,
         margins={name: None if limit is None else limit - figures[FIGURES[name]] for name, limit in held.items()},
         worst={name: int(values.argmax()) for name, values in along.items()},
@@ -282,18 +263,23 @@ def _governed(changes: Changes) -> list[str]:
 def _count_changes(u: FloatArray, asked: FloatArray, limits: Limits) -> Changes:
     if not limits.finite:
         return Changes(0, 0.0, 0.0)
-    change = _lengths(u - asked)
+    change = lengths(u - asked)
     change = change[change > ROUNDING * limits.acceleration]
     return Changes(len(change), float(change.mean()), float(change.max())) if len(change) else Changes(0, 0.0, 0.0)
 
 
 def friction_range(
-    record: Record, friction: Friction, tolerance: float, trained_on: Mapping[str, tuple[float, float]]
+    motion: Motion,
+    command_position: FloatArray,
+    friction: Friction,
+    tolerance: float,
+    trained_on: Mapping[str, tuple[float, float]],
 ) -> FrictionRange:
     """Replay a plan open loop under other friction, on a grid over what the model was trained on.
 
     Args:
-        record: the plan.
+        motion: K samples of pan and object, as planned.
+        command_position: (K, 2) where the object should be (m).
         friction: what it was made for.
         tolerance: largest tracking RMSE (m).
         trained_on: lowest and highest coefficient, under "static" and "kinetic".
@@ -301,13 +287,13 @@ def friction_range(
     static, kinetic = (_grid(getattr(friction, name), *trained_on[name]) for name in ("static", "kinetic"))
     static, kinetic = static[static >= friction.kinetic], kinetic[kinetic <= friction.static]
     cells = [(each, friction.kinetic) for each in static] + [(friction.static, each) for each in kinetic]
-    start = np.concatenate([record.object_position[0], record.object_velocity[0]])
-    u = np.broadcast_to(record.pan_acceleration[:-1], (len(cells), len(record.pan_acceleration) - 1, 2))
+    u, start = motion.acceleration, motion.sliding[0]
+    inputs = np.broadcast_to(u[:-1], (len(cells), len(u) - 1, 2))
     grid = np.array(cells)
-    states = rollout_batch(np.tile(start, (len(cells), 1)), u, grid[:, 0], grid[:, 1], record.dt)
-    errors = _lengths(states[..., :2] - record.command_position[1:])
-    begin = _lengths(record.object_position[:1] - record.command_position[:1])
-    rmse = np.sqrt((np.sum(errors * errors, axis=1) + begin[0] ** 2) / len(record.command_position))
+    states = rollout_batch(np.tile(start, (len(cells), 1)), inputs, grid[:, 0], grid[:, 1])
+    errors = lengths(states[..., :2] - command_position[1:])
+    begin = lengths(start[None, :2] - command_position[:1])
+    rmse = np.sqrt((np.sum(errors * errors, axis=1) + begin[0] ** 2) / len(command_position))
     good = (rmse <= tolerance).tolist()
     return FrictionRange(
         tolerance,

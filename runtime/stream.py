@@ -22,12 +22,13 @@ from runtime.errors import BundleError, ConcurrentUseError, InputError
 from runtime.measured import check_age, check_states, complete
 from runtime.network.bundle import Bundle
 from runtime.network.decode import Job
-from runtime.network.reader import Reader, held_still
+from runtime.network.reader import Reader
 from runtime.physics.law import rollout
+from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.safety.governor import govern
-from runtime.safety.pan import Motion, begin
-from runtime.safety.stop import PanState, find_brake, gentle_stop, stop_reach
+from runtime.safety.pan import Pan
+from runtime.safety.stop import PanState, gentle_stop
 from runtime.start import Start
 
 MAX_MISSING = 1
@@ -50,24 +51,20 @@ class StreamStatus(StrEnum):
     """The stop, until `reset`: too much was missing in a row, or the network gave no finite number."""
 
 
-class Carried(NamedTuple):
-    """What a stream carries from one chunk to the next: the chunk given last, and what led to it.
+class StreamState(NamedTuple):
+    """What a stream carries from one chunk to the next.
 
     Attributes:
-        before: the pan before the chunk.
-        acceleration: (C, 2) the chunk (m/s^2).
-        pan, sliding: (C, 4) the states it is predicted to lead to.
-        after: the pan at its end.
+        motion: the chunk given last, with the states that it is predicted to lead to.
+        before, after: the pan before and after it.
         measured: the pan and object states handed in last, None where there were none.
         missing: chunks in a row in which something was missing; -1 before the first.
         status: of the chunk.
     """
 
-    before: Motion
-    acceleration: FloatArray
-    pan: FloatArray
-    sliding: FloatArray
-    after: Motion
+    motion: Motion
+    before: Pan
+    after: Pan
     measured: tuple[FloatArray | None, FloatArray | None] = (None, None)
     missing: int = -1
     status: StreamStatus = StreamStatus.FOLLOWING
@@ -92,13 +89,13 @@ class Stream:
             raise InputError("a stream needs finite limits: without them there is no stop", "limits")
         self._bundle, self._friction, self._limits = bundle, job.friction, job.limits
         self._lock = threading.Lock()
-        self._carried = self._begin(job.start, job.command.position[0])
+        self._state = self._begin(job.start, job.command.position[0])
         self._reader = Reader.at(bundle, [job.command])
 
     @property
     def status(self) -> StreamStatus:
         """What the last chunk came from."""
-        return self._carried.status
+        return self._state.status
 
     def step(
         self, pan_state: ArrayLike | None = None, object_state: ArrayLike | None = None, age: float = 0.0
@@ -124,28 +121,28 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            last = self._carried
+            last = self._state
             chunk = self._bundle.manifest.chunk
             measured = check_states(pan_state, "pan_state", chunk), check_states(object_state, "object_state", chunk)
             late = check_age(age)
             if last.status is StreamStatus.BRAKING:
                 return self._stop(last.after)
-            pan = self._seen(measured[0], last.measured[0], last.pan, late, integrate_pan)
-            sliding = self._seen(measured[1], last.measured[1], last.sliding, late, self._slide)
+            predicted = last.motion.pan[1:], last.motion.sliding[1:]
+            pan = self._seen(measured[0], last.measured[0], predicted[0], late, integrate_pan)
+            sliding = self._seen(measured[1], last.measured[1], predicted[1], late, self._slide)
             missing = last.missing + 1 if pan is None or sliding is None else 0
             if missing > MAX_MISSING:
                 return self._stop(last.after)
-            motion, status = self._locate(last.after, pan)
+            before, status = self._locate(last.after, pan)
             if missing > 0 and status is StreamStatus.FOLLOWING:
                 status = StreamStatus.PREDICTED
-            pan, sliding = (last.pan if pan is None else pan), (last.sliding if sliding is None else sliding)
+            pan, sliding = (predicted[0] if pan is None else pan), (predicted[1] if sliding is None else sliding)
             try:
-                acceleration, after, moved = self._follow(motion, pan, sliding)
+                motion, after = self._follow(before, pan, sliding)
             except BundleError:
-                return self._stop(motion)
-            slid = self._slide(sliding[-1], acceleration)
-            self._carried = Carried(motion, acceleration, moved, slid, after, measured, missing, status)
-            return acceleration.copy()
+                return self._stop(before)
+            self._state = StreamState(motion, before, after, measured, missing, status)
+            return motion.acceleration.copy()
 
     def brake(self, sample: int) -> FloatArray:
         """Return the stop from a sample of the chunk given last; nothing of the stream changes.
@@ -165,16 +162,16 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            _, u, pan, _, after, *_ = last = self._carried
+            motion, before, after, *_ = self._state
+            u = motion.acceleration
             if isinstance(sample, bool) or not isinstance(sample, (int, np.integer)) or not 0 <= sample <= len(u):
                 raise InputError(f"sample must be a whole number from 0 to {len(u)}, got {sample!r}")
-            state = last.before.state if sample == 0 else PanState(*pan[sample - 1].tolist(), *u[sample - 1].tolist())
+            states = [before.state]
+            states += [PanState(*row) for row in np.concatenate([motion.pan[1:], u], axis=1).tolist()]
             for k in range(sample, len(u) + 1):
-                stop = gentle_stop(state, after.limits, self._friction)
+                stop = gentle_stop(states[k], after.limits, self._friction)
                 if stop is not None:
                     return np.concatenate([u[sample:k], stop.accelerations(stop.samples)])
-                if k < len(u):
-                    state = PanState(*pan[k].tolist(), *u[k].tolist())
             return np.concatenate([u[sample:], after.brake.accelerations(max(1, after.brake.samples))])
 
     def retarget(self, position: Command | ArrayLike) -> None:
@@ -198,7 +195,7 @@ class Stream:
         with self._alone():
             (command,), first = self._reader.commands, self._reader.chunk
             row = min(first * self._bundle.manifest.chunk, len(command) - 1)
-            self._carried = self._begin(start, command.position[row])
+            self._state = self._begin(start, command.position[row])
             self._reader = Reader.at(self._bundle, [command], first)
 
     @contextmanager
@@ -211,15 +208,12 @@ class Stream:
         finally:
             self._lock.release()
 
-    def _begin(self, start: Start, mark: FloatArray) -> Carried:
+    def _begin(self, start: Start, mark: FloatArray) -> StreamState:
         """Return what is carried before the first chunk; `mark` (2,) is where the object is if nothing is said (m)."""
-        motion = begin(start, self._limits)
-        pan, sliding = (
-            held_still(state[None, None], self._bundle.manifest)[0]
-            for state in (start.pan_state(), start.object_state(mark))
-        )
-        none = np.tile(start.pan_acceleration, (len(pan), 1))
-        return Carried(motion, none, pan, sliding, motion)
+        pan, chunk = Pan.at_start(start, self._limits), self._bundle.manifest.chunk
+        u = np.tile(start.pan_acceleration, (chunk, 1))
+        still = (np.tile(state, (chunk + 1, 1)) for state in (start.pan_state(), start.object_state(mark)))
+        return StreamState(Motion(u, u, *still), pan, pan)
 
     def _slide(self, state: FloatArray, u: FloatArray) -> FloatArray:
         return rollout(state, u, self._friction)
@@ -233,7 +227,7 @@ class Stream:
         move: Callable[[FloatArray, FloatArray], FloatArray],
     ) -> FloatArray | None:
         """Return the last C states by what was measured, None if it is missing; see `step` for what that means."""
-        u = self._carried.acceleration
+        u = self._state.motion.acceleration
         if measured is None or late is None or late > len(u):
             return None
         until = predicted[: len(predicted) - late]
@@ -241,38 +235,42 @@ class Stream:
             return None
         return complete(measured, late, predicted, u, move)
 
-    def _locate(self, predicted: Motion, pan: FloatArray | None) -> tuple[Motion, StreamStatus]:
+    def _locate(self, predicted: Pan, states: FloatArray | None) -> tuple[Pan, StreamStatus]:
         """Return the pan where it was measured, with a stop from there; its reach is widened to what the stop needs."""
-        if pan is None or pan[-1].tolist() == list(predicted.state[:4]):
+        if states is None or states[-1].tolist() == list(predicted.state[:4]):
             return predicted, StreamStatus.FOLLOWING
-        state = predicted.state._replace(**dict(zip(("x", "y", "vx", "vy"), pan[-1].tolist(), strict=True)))
-        brake = find_brake(state, self._limits)
-        needed = stop_reach(state, brake)
-        if needed <= self._limits.pan_reach:
-            return Motion(state, brake, self._limits), StreamStatus.FOLLOWING
-        return Motion(state, brake, replace(self._limits, pan_reach=needed)), StreamStatus.OUTSIDE
+        x, y, vx, vy = states[-1].tolist()
+        pan = Pan.at(predicted.state._replace(x=x, y=y, vx=vx, vy=vy), self._limits)
+        if pan.can_stop:
+            return pan, StreamStatus.FOLLOWING
+        return pan._replace(limits=replace(self._limits, pan_reach=pan.stop_reach)), StreamStatus.OUTSIDE
 
-    def _follow(self, motion: Motion, pan: FloatArray, sliding: FloatArray) -> tuple[FloatArray, Motion, FloatArray]:
-        """Ask the network and govern: the chunk (C, 2), the pan at its end, and its states (C, 4).
+    def _follow(self, before: Pan, pan: FloatArray, sliding: FloatArray) -> tuple[Motion, Pan]:
+        """Ask the network and govern: the motion of the next chunk, and the pan at its end.
 
         Raises:
             BundleError: the network gave no finite number.
         """
         asked, reader = self._reader.look(pan[None], sliding[None])
-        governed = govern([motion], asked)
+        acceleration, states, (after,) = govern([before], asked)
         self._reader = reader
-        return governed.acceleration[0], governed.motions[0], governed.pan[0]
+        return self._predict(before, asked[0], acceleration[0], states[0], sliding[-1]), after
 
-    def _stop(self, motion: Motion) -> FloatArray:
+    def _stop(self, before: Pan) -> FloatArray:
         """Give the next chunk of the stop, which holds until `reset`."""
-        last, chunk = self._carried, self._bundle.manifest.chunk
+        last, chunk = self._state, self._bundle.manifest.chunk
         if last.status is not StreamStatus.BRAKING:
-            stop = gentle_stop(motion.state, motion.limits, self._friction)
-            motion = motion if stop is None else motion._replace(brake=stop)
-        u = motion.brake.accelerations(chunk)
-        pan = integrate_pan(np.array(motion.state[:4]), u)
-        brake = motion.brake._replace(done=motion.brake.done + min(chunk, motion.brake.samples))
-        after = Motion(PanState(*pan[-1].tolist(), *u[-1].tolist()), brake, motion.limits)
-        sliding = self._slide(last.sliding[-1], u)
-        self._carried = Carried(motion, u, pan, sliding, after, status=StreamStatus.BRAKING)
+            stop = gentle_stop(before.state, before.limits, self._friction)
+            before = before if stop is None else before._replace(brake=stop)
+        u = before.brake.accelerations(chunk)
+        states = integrate_pan(np.array(before.state[:4]), u)
+        motion = self._predict(before, u, u, states, last.motion.sliding[-1])
+        self._state = StreamState(motion, before, before.braked(chunk, states, u), status=StreamStatus.BRAKING)
         return u.copy()
+
+    def _predict(
+        self, before: Pan, asked: FloatArray, u: FloatArray, states: FloatArray, sliding: FloatArray
+    ) -> Motion:
+        """Return the motion of a chunk whose pan states after each sample are known, by the law of friction."""
+        pan = np.concatenate([[before.state[:4]], states])
+        return Motion(u, asked, pan, np.concatenate([sliding[None], self._slide(sliding, u)]))

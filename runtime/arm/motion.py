@@ -7,10 +7,11 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import NO_LIMITS
-from runtime.physics.law import DT, rollout
+from runtime.physics.law import rollout
+from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
-from runtime.quality import Record, assess
+from runtime.quality import assess
 
 
 def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_position: FloatArray | None = None) -> Plan:
@@ -22,18 +23,11 @@ def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_positio
         name: what stands in the place of the model's name.
         command_position: (K, 2) where the object should be (m); what is predicted if None.
     """
-    pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u[:-1])])
     start = np.zeros((1, 4))
     if command_position is not None:
         start[0, :2] = command_position[0]
-    sliding = np.concatenate([start, rollout(start[0], u[:-1], friction)])
-    motion = {
-        "command_position": sliding[:, :2] if command_position is None else command_position,
-        "pan_acceleration": u,
-        "pan_position": pan[:, :2],
-        "object_velocity": sliding[:, 2:],
-        "object_position": sliding[:, :2],
-    }
-    record = Record(**motion, asked=u, acceleration_before=u[0], dt=DT)
-    quality = assess(record, NO_LIMITS, found={}, trained_on={})
-    return Plan(DT, name, "", friction, pan_velocity=pan[:, 2:], quality=quality, **motion)
+    pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u)])
+    motion = Motion(u, u, pan, np.concatenate([start, rollout(start[0], u, friction)]))
+    command = motion.sliding[:-1, :2] if command_position is None else command_position
+    quality = assess(motion, command, u[0], NO_LIMITS, found={}, trained_on={})
+    return Plan.of(motion, command, friction, quality, name)

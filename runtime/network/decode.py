@@ -14,9 +14,9 @@ from runtime.limits import Limits
 from runtime.network.bundle import Bundle
 from runtime.network.reader import Reader, Window, chunk_count, held_still
 from runtime.physics.law import slide
-from runtime.physics.motion import Decoded
+from runtime.physics.motion import Motion
 from runtime.safety.governor import govern
-from runtime.safety.pan import begin
+from runtime.safety.pan import Pan
 from runtime.start import Start
 
 
@@ -29,8 +29,8 @@ class Job(NamedTuple):
     start: Start
 
 
-def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> Decoded:
-    """Decode B commands of equally many chunks.
+def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> Motion:
+    """Decode B commands of equally many chunks, n, into the motions of their nC samples.
 
     The encoder reads a window of the commands, all of it unless they are long. Then, chunk by chunk, the decoder
     sees the C states its last C accelerations led to and asks for the next C accelerations; the governor makes them
@@ -42,19 +42,19 @@ def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) ->
         BundleError: an acceleration is no finite number.
     """
     commands, frictions = [job.command for job in jobs], [job.friction for job in jobs]
-    motions = [begin(job.start, job.limits) for job in jobs]
+    pans = [Pan.at_start(job.start, job.limits) for job in jobs]
     pan = np.stack([job.start.pan_state() for job in jobs])[:, None]
     sliding = np.stack([job.start.object_state(job.command.position[0]) for job in jobs])[:, None]
     accelerations: list[FloatArray] = []
     askeds: list[FloatArray] = []
-    pans, slidings = [pan], [sliding]
+    pan_states, slidings = [pan], [sliding]
     pan, sliding = (held_still(state, bundle.manifest) for state in (pan, sliding))
 
     reader = Reader.at(bundle, commands, window=window)
     for _ in range(chunk_count(commands[0], bundle.manifest)):
         asked, reader = reader.look(pan, sliding)
-        u, pan, motions = govern(motions, asked)
+        u, pan, pans = govern(pans, asked)
         sliding = slide(sliding[:, -1], u, frictions)
-        for parts, part in ((accelerations, u), (askeds, asked), (pans, pan), (slidings, sliding)):
+        for parts, part in ((accelerations, u), (askeds, asked), (pan_states, pan), (slidings, sliding)):
             parts.append(part)
-    return Decoded(*(np.concatenate(parts, axis=1) for parts in (accelerations, askeds, pans, slidings)))
+    return Motion(*(np.concatenate(parts, axis=1) for parts in (accelerations, askeds, pan_states, slidings)))

@@ -9,14 +9,14 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 
 
-class Decoded(NamedTuple):
-    """What B commands of n chunks became; rows as in `runtime.plan`, and past the end of a command.
+class Motion(NamedTuple):
+    """The pan and the object over n samples; for B of them at once, each array has the axis B before its others.
 
     Attributes:
-        acceleration: (B, nC, 2) of the pan (m/s^2).
-        asked: (B, nC, 2) what the network asked for (m/s^2).
-        pan: (B, nC + 1, 4) pan position (m) and velocity (m/s).
-        sliding: (B, nC + 1, 4) object position (m) and velocity (m/s), relative to the pan.
+        acceleration: (n, 2) of the pan in the world (m/s^2).
+        asked: (n, 2) what the network asked for, before the governor held it back (m/s^2).
+        pan: (n + 1, 4) pan position (m) and velocity (m/s) in the world, before and after each sample.
+        sliding: (n + 1, 4) object position (m) and velocity (m/s) relative to the pan, before and after each sample.
     """
 
     acceleration: FloatArray
@@ -24,17 +24,23 @@ class Decoded(NamedTuple):
     pan: FloatArray
     sliding: FloatArray
 
-    def one(self, index: int) -> Decoded:
-        """Return what one command became, without the axis B."""
-        return Decoded(*(part[index] for part in self))
+    def one(self, index: int) -> Motion:
+        """Return one of B motions, without the axis B."""
+        return Motion(*(part[index] for part in self))
+
+    def first(self, samples: int) -> Motion:
+        """Return the first samples."""
+        return Motion(
+            self.acceleration[:samples], self.asked[:samples], self.pan[: samples + 1], self.sliding[: samples + 1]
+        )
 
 
 def tracking_error(object_position: FloatArray, command_position: FloatArray) -> tuple[float, float]:
     """Return the root mean square and the largest distance (m) between object and command, each (K, 2) (m)."""
-    error = _lengths(object_position - command_position)
+    error = lengths(object_position - command_position)
     return float(np.sqrt(np.mean(error * error))), float(error.max())
 
 
-def _lengths(vectors: FloatArray) -> FloatArray:
+def lengths(vectors: FloatArray) -> FloatArray:
     """Return the Euclidean lengths (...) of (..., 2) vectors."""
     return np.hypot(vectors[..., 0], vectors[..., 1])

@@ -24,10 +24,11 @@ from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.compiled import compile_together, compiler
 from runtime.physics.law import DT, GRAVITY, rollout
+from runtime.physics.motion import Motion
 from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, ROW, SIZE, STATE, Column, move, sweep
 from runtime.safety.governor import govern
-from runtime.safety.pan import Motion
-from runtime.safety.stop import PanState, find_brake, stop_reach
+from runtime.safety.pan import Pan
+from runtime.safety.stop import PanState
 
 SOFT_REACH = 0.97
 """Share of the reach from which the penalty begins."""
@@ -87,21 +88,6 @@ class Effort(NamedTuple):
 
     seconds: float
     iterations: int | None = None
-
-
-class Refined(NamedTuple):
-    """A refined motion.
-
-    Attributes:
-        acceleration: (n, 2) (m/s^2), within the limits.
-        asked: (n, 2) before the governor went over it (m/s^2).
-        pan, sliding: (n + 1, 4) states of pan and object before and after each sample.
-    """
-
-    acceleration: FloatArray
-    asked: FloatArray
-    pan: FloatArray
-    sliding: FloatArray
 
 
 class Descent:
@@ -204,18 +190,18 @@ class Descent:
 
 def refine(
     u: FloatArray,
-    motion: Motion,
+    pan: Pan,
     sliding: FloatArray,
     command: FloatArray,
     friction: Friction,
     chunk: int,
     effort: Effort,
-) -> Refined | None:
+) -> Motion | None:
     """Descend the tracking error of planned accelerations.
 
     Args:
         u: (n, 2) planned (m/s^2), within the limits; the last may lead out of the command.
-        motion: the pan at the start, with its limits, which are finite.
+        pan: at the start, with its limits, which are finite.
         sliding: (4,) object position (m) and velocity (m/s) at the start.
         command: (n, 2) where the object should be before each sample (m).
         friction: what to plan for.
@@ -225,17 +211,17 @@ def refine(
     Returns:
         The best motion found, None if it tracks no better than `u`.
     """
-    found = _descend(u, motion, sliding, command, friction, effort)
-    kept = _governed(found, motion, sliding, friction, len(found))  # a stop from its end alone was seen to
+    found = _descend(u, pan, sliding, command, friction, effort)
+    kept = _governed(found, pan, sliding, friction, len(found))  # a stop from its end alone was seen to
     if not np.array_equal(kept.acceleration, found):
-        kept = _governed(found, motion, sliding, friction, chunk)
+        kept = _governed(found, pan, sliding, friction, chunk)
     better = _error(kept.acceleration, sliding, command, friction) < _error(u, sliding, command, friction)
     return kept if better else None
 
 
 def _descend(
     u: FloatArray,
-    motion: Motion,
+    pan: Pan,
     sliding: FloatArray,
     command: FloatArray,
     friction: Friction,
@@ -244,32 +230,30 @@ def _descend(
     """Return the best accelerations found until the time is up or the steps are taken."""
     loops = kernels()
     until = time.perf_counter() + effort.seconds
-    limits = motion.limits
+    limits = pan.limits
     ramps = RAMPS * limits.acceleration / limits.jerk
     law = friction.static * GRAVITY, friction.kinetic * GRAVITY, SOFT_REACH * limits.pan_reach, ramps
-    within = limits.acceleration, limits.jerk * DT, *motion.state[4:]
-    start = np.array([*motion.state[:4], *sliding.tolist()])
+    within = limits.acceleration, limits.jerk * DT, *pan.state[4:]
+    start = np.array([*pan.state[:4], *sliding.tolist()])
     descent = Descent(loops, u, command, start, law, within)
     best, least, count = u, descent.squared, 0
     while time.perf_counter() < until if effort.iterations is None else count < effort.iterations:
         count += 1
-        if descent.go_on() and descent.squared < least and descent.farthest <= limits.pan_reach:
-            end = descent.end()
-            if stop_reach(end, find_brake(end, limits)) <= limits.pan_reach:
-                best, least = descent.acceleration(), descent.squared
+        better = descent.go_on() and descent.squared < least and descent.farthest <= limits.pan_reach
+        if better and Pan.at(descent.end(), limits).can_stop:
+            best, least = descent.acceleration(), descent.squared
     return best
 
 
-def _governed(u: FloatArray, motion: Motion, sliding: FloatArray, friction: Friction, chunk: int) -> Refined:
+def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, chunk: int) -> Motion:
     """Let the governor go over accelerations, `chunk` samples at a time."""
-    pans, accelerations = [np.array([motion.state[:4]])], []
+    pans, states, accelerations = [pan], [np.array([pan.state[:4]])], []
     for first in range(0, len(u), chunk):
-        governed = govern([motion], u[None, first : first + chunk])
-        motion = governed.motions[0]
-        accelerations.append(governed.acceleration[0])
-        pans.append(governed.pan[0])
+        acceleration, moved, pans = govern(pans, u[None, first : first + chunk])
+        accelerations.append(acceleration[0])
+        states.append(moved[0])
     kept = np.concatenate(accelerations)
-    return Refined(kept, u, np.concatenate(pans), np.concatenate([sliding[None], rollout(sliding, kept, friction)]))
+    return Motion(kept, u, np.concatenate(states), np.concatenate([sliding[None], rollout(sliding, kept, friction)]))
 
 
 def _error(u: FloatArray, sliding: FloatArray, command: FloatArray, friction: Friction) -> float:

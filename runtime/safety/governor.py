@@ -18,7 +18,6 @@ So whatever is asked for, the pan can come to rest in its reach from every sampl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +25,8 @@ from runtime.documents.checks import FloatArray
 from runtime.limits import Limits
 from runtime.physics.law import DT
 from runtime.physics.pan import integrate_pan
-from runtime.safety.pan import Motion
-from runtime.safety.stop import PanState, find_brake, stop_reach
+from runtime.safety.pan import Pan, state_after
+from runtime.safety.stop import PanState
 
 BISECTIONS = 6
 """Halvings of the line between the stop and what was asked for: to within 1/64 of the way."""
@@ -36,44 +35,34 @@ DETOURS = (5, 10, 20, 40)
 """Numbers of samples of the stop that are tried before what was asked for."""
 
 
-class Governed(NamedTuple):
-    """What the governor made of a chunk of B pans.
-
-    Attributes:
-        acceleration: (B, C, 2) (m/s^2), within the limits.
-        pan: (B, C, 4) pan position (m) and velocity (m/s) after each sample.
-        motions: the pans at the chunk's end.
-    """
-
-    acceleration: FloatArray
-    pan: FloatArray
-    motions: list[Motion]
-
-
-def govern(motions: Sequence[Motion], asked: FloatArray) -> Governed:
+def govern(pans: Sequence[Pan], asked: FloatArray) -> tuple[FloatArray, FloatArray, list[Pan]]:
     """Let B pans do what is asked for as far as their limits allow; see the module for the steps.
 
     Args:
-        motions: the pans before the chunk.
+        pans: before the chunk.
         asked: (B, C, 2) accelerations (m/s^2), finite.
+
+    Returns:
+        (B, C, 2) accelerations within the limits (m/s^2), (B, C, 4) pan position (m) and velocity (m/s) after each
+        sample, and the pans after the chunk.
     """
-    before = np.array([motion.state for motion in motions])
-    u = follow(before[:, 4:], asked, [motion.limits for motion in motions])
-    pan = integrate_pan(before[:, :4], u)
-    farthest = np.sqrt(_squares(pan[..., :2]).max(axis=1)).tolist()
-    ends = np.concatenate([pan[:, -1], u[:, -1]], axis=1).tolist()
+    before = np.array([pan.state for pan in pans])
+    u = follow(before[:, 4:], asked, [pan.limits for pan in pans])
+    states = integrate_pan(before[:, :4], u)
+    farthest = np.sqrt(_squares(states[..., :2]).max(axis=1)).tolist()
+    ends = np.concatenate([states[:, -1], u[:, -1]], axis=1).tolist()
     after = []
-    for row, (motion, reach, end) in enumerate(zip(motions, farthest, ends, strict=True)):
-        ahead = Motion(PanState(*end), motion.brake, motion.limits)
-        if motion.limits.finite:
-            brake = find_brake(ahead.state, motion.limits)
-            ahead = ahead._replace(brake=brake)
-            if max(reach, stop_reach(ahead.state, brake)) > motion.limits.pan_reach:
+    for row, (pan, reach, end) in enumerate(zip(pans, farthest, ends, strict=True)):
+        if pan.limits.finite:
+            ahead = Pan.at(PanState(*end), pan.limits)
+            if max(reach, ahead.stop_reach) > pan.limits.pan_reach:
                 if u is asked:
                     u = asked.copy()
-                u[row], pan[row], ahead = _hold_back(motion, u[row], pan[row])
+                u[row], states[row], ahead = _hold_back(pan, u[row], states[row])
+        else:
+            ahead = pan._replace(state=PanState(*end))
         after.append(ahead)
-    return Governed(u, pan, after)
+    return u, states, after
 
 
 def follow(last: FloatArray, asked: FloatArray, limits: Sequence[Limits]) -> FloatArray:
@@ -125,62 +114,58 @@ def _follow_one(last: FloatArray, u: FloatArray, wrong: Sequence[int], limits: L
             u[k] = asked[k] = hx, hy
 
 
-def _hold_back(motion: Motion, u: FloatArray, pan: FloatArray) -> tuple[FloatArray, FloatArray, Motion]:
+def _hold_back(pan: Pan, u: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray, Pan]:
     """Return what is nearest to the chunk `u` (C, 2) of what a stop in reach leads on from.
 
     Args:
-        motion: the pan before the chunk.
+        pan: before the chunk.
         u: accelerations within their limits, jerk included (m/s^2).
-        pan: (C, 4) where they lead.
+        states: (C, 4) where they lead.
 
     Returns:
-        Accelerations, pan states and the pan at the end, as in `Governed`.
+        Accelerations, pan states and the pan at the end, as `govern` does.
     """
-    count, limits = len(u), motion.limits
-    stop = motion.brake.accelerations(count)
-    stop_pan = integrate_pan(np.array(motion.state[:4]), stop)
-    share = largest = _share_in_reach(stop_pan[:, :2], pan[:, :2], limits.pan_reach)
-    end, stop_end = np.concatenate([pan[-1], u[-1]]), np.concatenate([stop_pan[-1], stop[-1]])
-    smallest, found = 0.0, None
+    count, limits, start = len(u), pan.limits, np.array(pan.state[:4])
+    stop = pan.brake.accelerations(count)
+    stop_states = integrate_pan(start, stop)
+    share = largest = _share_in_reach(stop_states[:, :2], states[:, :2], limits.pan_reach)
+    end, stop_end = np.concatenate([states[-1], u[-1]]), np.concatenate([stop_states[-1], stop[-1]])
+    smallest, brake = 0.0, None
     for _ in range(BISECTIONS + 1):
-        state = PanState(*(stop_end + share * (end - stop_end)).tolist())
-        brake = find_brake(state, limits)
-        if stop_reach(state, brake) <= limits.pan_reach:
-            smallest, found = share, brake
+        ahead = Pan.at(PanState(*(stop_end + share * (end - stop_end)).tolist()), limits)
+        if ahead.can_stop:
+            smallest, brake = share, ahead.brake
             if share == largest:
                 break
         else:
             largest = share
         share = 0.5 * (smallest + largest)
-    if found is None:
-        held, held_pan = stop, stop_pan
-        found = motion.brake._replace(done=motion.brake.done + min(count, motion.brake.samples))
+    if brake is None:
+        held, held_states = stop, stop_states
+        after = pan.braked(count, stop_states, stop)
     else:
         held = stop + smallest * (u - stop)
-        held_pan = integrate_pan(np.array(motion.state[:4]), held)
-    after = PanState(*held_pan[-1].tolist(), *held[-1].tolist())
-    return _nearest(motion, u, (held, held_pan, Motion(after, found, limits)))
+        held_states = integrate_pan(start, held)
+        after = Pan(state_after(held_states, held), brake, limits)
+    return _nearest(pan, u, (held, held_states, after))
 
 
-def _nearest(
-    motion: Motion, u: FloatArray, held: tuple[FloatArray, FloatArray, Motion]
-) -> tuple[FloatArray, FloatArray, Motion]:
+def _nearest(pan: Pan, u: FloatArray, held: tuple[FloatArray, FloatArray, Pan]) -> tuple[FloatArray, FloatArray, Pan]:
     """Return the shortest detour that keeps the limits if it is nearer to the chunk `u` (C, 2) than `held` is."""
-    limits, farthest = motion.limits, float(_squares(held[0] - u).sum())
+    limits, farthest = pan.limits, float(_squares(held[0] - u).sum())
     for samples in DETOURS:
         if samples >= len(u):
             break
-        path = np.concatenate([motion.brake.accelerations(samples), u[samples:]])
-        detour = follow(np.array([motion.state[4:]]), path[None], [limits])[0]
+        path = np.concatenate([pan.brake.accelerations(samples), u[samples:]])
+        detour = follow(np.array([pan.state[4:]]), path[None], [limits])[0]
         if not _squares(detour - u).sum() < farthest:
             break
-        pan = integrate_pan(np.array(motion.state[:4]), detour)
-        if _squares(pan[:, :2]).max() > limits.pan_reach * limits.pan_reach:
+        states = integrate_pan(np.array(pan.state[:4]), detour)
+        if _squares(states[:, :2]).max() > limits.pan_reach * limits.pan_reach:
             continue
-        end = PanState(*pan[-1].tolist(), *detour[-1].tolist())
-        brake = find_brake(end, limits)
-        if stop_reach(end, brake) <= limits.pan_reach:
-            return detour, pan, Motion(end, brake, limits)
+        after = Pan.at(state_after(states, detour), limits)
+        if after.can_stop:
+            return detour, states, after
     return held
 
 

@@ -14,10 +14,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from runtime import FormatError, Friction, OutputError, Plan, Quality, Status
+from runtime.documents.checks import FloatArray
 from runtime.limits import NO_LIMITS, UNITS, Limits
-from runtime.physics.law import DT, GRAVITY
+from runtime.physics.law import GRAVITY
+from runtime.physics.motion import Motion
 from runtime.plan import PLAN_FORMAT
-from runtime.quality import FRICTION_STEP, Changes, FrictionRange, Record, assess, friction_range
+from runtime.quality import FRICTION_STEP, Changes, FrictionRange, assess, friction_range
 
 ARRAYS = (
     "command_position",
@@ -263,21 +265,23 @@ def test_save_into_what_cannot_hold_it_is_an_output_error(plan: Plan, tmp_path: 
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.json"]
 
 
-def judge(limits: Limits | None = None, far: float = 0.1, static: float = 1.0, **changed: Any) -> Quality:
+def judge(
+    limits: Limits | None = None,
+    far: float = 0.1,
+    static: float = 1.0,
+    asked: FloatArray | None = None,
+    before: tuple[float, float] = (0.0, 0.0),
+) -> Quality:
     """Assess three samples whose figures are easy to tell."""
     u = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 2.0]])
-    arguments: dict[str, Any] = {
-        "command_position": np.zeros((3, 2)),
-        "pan_acceleration": u,
-        "asked": u,
-        "pan_position": np.array([[0.0, 0.0], [0.06, 0.08], [0.0, -0.02]]),
-        "object_velocity": np.array([[0.0, 0.0], [0.0, 1e-300], [0.0, 0.0]]),
-        "object_position": np.array([[0.0, 0.0], [0.003, 0.004], [0.0, 0.001]]),
-        "acceleration_before": np.zeros(2),
-        "dt": 0.001,
-    }
+    pan, sliding = np.zeros((4, 4)), np.zeros((4, 4))
+    pan[:3, :2] = [[0.0, 0.0], [0.06, 0.08], [0.0, -0.02]]
+    sliding[:3, :2] = [[0.0, 0.0], [0.003, 0.004], [0.0, 0.001]]
+    sliding[1, 3] = 1e-300
     return assess(
-        Record(**(arguments | changed)),
+        Motion(u, u if asked is None else asked, pan, sliding),
+        np.zeros((3, 2)),
+        np.array(before),
         limits or Limits(0.2, 30.0, 10_000.0),
         found={"reach": (far, "m"), "static": (static, "")},
         trained_on={"reach": (0.02, 0.13), "static": (0.5, 1.4)},
@@ -298,7 +302,7 @@ def test_quality_figures() -> None:
 
 
 def test_jerk_counts_from_the_sample_before_the_first() -> None:
-    quality = judge(acceleration_before=np.array([-6.0, 0.0]))
+    quality = judge(before=(-6.0, 0.0))
     assert quality.jerk_max == pytest.approx(6000.0)
     assert quality.worst["jerk"] == 0
 
@@ -341,10 +345,11 @@ def test_what_the_governor_changed_is_counted() -> None:
 
 def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> None:
     u = plan.pan_acceleration
-    record = Record(plan.object_position, u, u, plan.pan_position, plan.object_velocity, plan.object_position, u[0], DT)
+    states = plan.replay()
+    motion = Motion(u, u, np.zeros((len(u) + 1, 4)), np.concatenate([states, states[-1:]]))
     trained_on = {"static": (0.5, 1.4), "kinetic": (0.3, 0.7)}
     tolerance = 2e-3
-    found = friction_range(record, plan.friction, tolerance, trained_on)
+    found = friction_range(motion, plan.object_position, plan.friction, tolerance, trained_on)
 
     def holds(static: float, kinetic: float) -> bool:
         error = plan.replay(Friction(static, kinetic))[:, :2] - plan.object_position
@@ -360,7 +365,7 @@ def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> N
         assert holds(plan.friction.static, kinetic)
     assert found.static_low < 0.52 or not holds(found.static_low - FRICTION_STEP, plan.friction.kinetic)
     assert found.kinetic_high > 0.68 or not holds(plan.friction.static, found.kinetic_high + FRICTION_STEP)
-    nowhere = friction_range(record._replace(command_position=u), plan.friction, tolerance, trained_on)
+    nowhere = friction_range(motion, u, plan.friction, tolerance, trained_on)
     assert nowhere == FrictionRange(tolerance, None, None, None, None)
 
 

@@ -16,7 +16,7 @@ from runtime.physics.linearized import linearize
 from runtime.refine import refine as refine_module
 from runtime.refine.gauss_newton import BLOCK, REACH_WEIGHT, ROW, SIZE
 from runtime.refine.refine import PLAIN, Effort, refine
-from runtime.safety.pan import begin
+from runtime.safety.pan import Pan
 
 Array = NDArray[np.float64]
 Curve = Callable[..., Array]
@@ -66,10 +66,10 @@ def test_plain_and_compiled_loops_agree(plain: Plan, monkeypatch: pytest.MonkeyP
     pytest.importorskip("numba")
 
     def refined() -> Array:
-        motion = begin(Start(), LIMITS)
+        pan = Pan.at_start(Start(), LIMITS)
         sliding = np.array([*plain.object_position[0], 0.0, 0.0])
         found = refine(
-            plain.pan_acceleration, motion, sliding, plain.command_position, plain.friction, 100, Effort(0.0, 3)
+            plain.pan_acceleration, pan, sliding, plain.command_position, plain.friction, 100, Effort(0.0, 3)
         )
         assert found is not None
         return found.acceleration

@@ -21,9 +21,10 @@ from runtime.errors import InputError, OutputError
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.physics.law import DT, GRAVITY, rollout
+from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
-from runtime.quality import Record, Status, assess
+from runtime.quality import Status, assess
 from runtime.report.report import (
     MAX_SAMPLES,
     OBJECT_RADIUS,
@@ -53,13 +54,12 @@ def shaken_plan(samples: int = 700, friction: Friction | None = None) -> Plan:
     angle = np.where(carries, 0.4, 0.4 + np.pi) + 0.8 * (k // 200)
     u = size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rest = np.zeros((1, 4))
-    sliding = np.concatenate([rest, rollout(rest[0], u[:-1], friction)])
-    pan = np.concatenate([rest, integrate_pan(rest[0], u[:-1])])
+    sliding = np.concatenate([rest, rollout(rest[0], u, friction)])
+    pan = np.concatenate([rest, integrate_pan(rest[0], u)])
     command = np.stack([0.05 * np.sin(k / 150), 0.03 * np.cos(k / 120) - 0.03], axis=1)
-    p, v = sliding[:, :2], sliding[:, 2:]
-    record = Record(command, u, u, pan[:, :2], v, p, u[0], DT)
-    quality = assess(record, LIMITS, found={}, trained_on={})
-    return Plan(DT, "shaken", "ab" * 32, friction, command, u, pan[:, 2:], pan[:, :2], v, p, quality)
+    motion = Motion(u, u, pan, sliding)
+    quality = assess(motion, command, u[0], LIMITS, found={}, trained_on={})
+    return Plan.of(motion, command, friction, quality, "shaken", "ab" * 32)
 
 
 def replayed(plan: Plan, name: str, friction: Friction) -> Track:

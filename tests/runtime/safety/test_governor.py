@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,14 +12,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 
-from runtime import InputError, Limits
+from runtime import InputError, Limits, Start
 from runtime.friction import Friction
 from runtime.limits import NO_LIMITS
 from runtime.physics.law import DT
 from runtime.physics.pan import integrate_pan
 from runtime.safety.governor import follow, govern
-from runtime.safety.pan import Motion
-from runtime.safety.stop import GENTLE, Brake, PanState, find_brake, gentle_stop, stop_reach
+from runtime.safety.pan import Pan
+from runtime.safety.stop import GENTLE, PanState, find_brake, gentle_stop, stop_reach
 
 Array = NDArray[np.float64]
 
@@ -36,17 +35,6 @@ often = settings(max_examples=SEQUENCES, deadline=None, suppress_health_check=li
 limits_drawn = st.builds(
     Limits, st.floats(0.01, 0.5), st.floats(1.0, 100.0), st.floats(2.0, 5.0).map(lambda power: 10.0**power)
 )
-
-
-class Pan(NamedTuple):
-    """A pan that can stop in its reach, and a stop."""
-
-    state: PanState
-    limits: Limits
-
-    @property
-    def motion(self) -> Motion:
-        return Motion(self.state, find_brake(self.state, self.limits), self.limits)
 
 
 @st.composite
@@ -65,25 +53,26 @@ def pans(draw: st.DrawFn) -> Pan:
             scale * 0.7 * limits.acceleration * ux,
             scale * 0.7 * limits.acceleration * uy,
         )
-        if stop_reach(state, find_brake(state, limits)) <= limits.pan_reach:
-            return Pan(state, limits)
+        pan = Pan.at(state, limits)
+        if pan.can_stop:
+            return pan
         scale *= 0.5
-    return Pan(PanState(state.x, state.y, 0.0, 0.0, 0.0, 0.0), limits)
+    return Pan.at(PanState(state.x, state.y, 0.0, 0.0, 0.0, 0.0), limits)
 
 
-def ask(kind: str, motion: Motion, rng: np.random.Generator) -> Array:
+def ask(kind: str, pan: Pan, rng: np.random.Generator) -> Array:
     """Return a chunk (1, C, 2) that a decoder of some kind would ask for."""
-    bound = motion.limits.acceleration
+    bound = pan.limits.acceleration
     if kind == "random":
         return rng.standard_normal((1, CHUNK, 2)) * bound * 10.0 ** rng.uniform(-2.0, 3.0)
     if kind == "constant":
         return np.tile(rng.standard_normal(2) * 2.0 * bound, (1, CHUNK, 1))
     if kind == "smooth":
-        return np.cumsum(rng.standard_normal((1, CHUNK, 2)), axis=1) * motion.limits.jerk * DT * rng.uniform(0.0, 0.5)
+        return np.cumsum(rng.standard_normal((1, CHUNK, 2)), axis=1) * pan.limits.jerk * DT * rng.uniform(0.0, 0.5)
     if kind == "bang":
         return bound * np.sign(rng.standard_normal((1, CHUNK, 2))).repeat(rng.integers(1, 30), axis=1)[:, :CHUNK]
     # Outwards, as hard as it can: along where the pan is heading, or away from the centre.
-    away = np.array(motion.state[:2]) + rng.uniform(0.0, 1.0) * np.array(motion.state[2:4])
+    away = np.array(pan.state[:2]) + rng.uniform(0.0, 1.0) * np.array(pan.state[2:4])
     size = math.hypot(*away)
     direction = away / size if size > 0.0 else np.array([1.0, 0.0])
     return np.tile(direction * bound * rng.uniform(0.9, 50.0), (1, CHUNK, 1))
@@ -92,17 +81,16 @@ def ask(kind: str, motion: Motion, rng: np.random.Generator) -> Array:
 KINDS = ("random", "constant", "smooth", "bang", "outwards")
 
 
-def drive(pan: Pan, kinds: list[str], seed: int) -> tuple[Array, Array, list[Motion]]:
+def drive(pan: Pan, kinds: list[str], seed: int) -> tuple[Array, Array, list[Pan]]:
     """Govern one chunk of each kind: accelerations (n, 2), pan states (n, 4), and the pan after each chunk."""
-    rng, motion = np.random.default_rng(seed), pan.motion
-    accelerations, states, motions = [], [], []
+    rng, pans = np.random.default_rng(seed), [pan]
+    accelerations, states = [], []
     for kind in kinds:
-        governed = govern([motion], ask(kind, motion, rng))
-        motion = governed.motions[0]
-        accelerations.append(governed.acceleration[0])
-        states.append(governed.pan[0])
-        motions.append(motion)
-    return np.concatenate(accelerations), np.concatenate(states), motions
+        acceleration, moved, (after,) = govern(pans[-1:], ask(kind, pans[-1], rng))
+        accelerations.append(acceleration[0])
+        states.append(moved[0])
+        pans.append(after)
+    return np.concatenate(accelerations), np.concatenate(states), pans[1:]
 
 
 def check_limits(pan: Pan, u: Array, states: Array) -> None:
@@ -118,19 +106,19 @@ def check_limits(pan: Pan, u: Array, states: Array) -> None:
 @often
 @given(pans(), st.lists(st.sampled_from(KINDS), min_size=CHUNKS, max_size=CHUNKS), st.integers(0, 2**32))
 def test_limits_hold_whatever_is_asked_for_and_a_stop_leads_on(pan: Pan, kinds: list[str], seed: int) -> None:
-    u, states, motions = drive(pan, kinds, seed)
+    u, states, pans = drive(pan, kinds, seed)
     check_limits(pan, u, states)
     # From every sample the pan can come to rest: along the rest of its chunk and the stop that is kept.
-    for index, motion in enumerate(motions):
-        stop = motion.brake.accelerations(max(1, motion.brake.samples))
+    for index, after in enumerate(pans):
+        stop = after.brake.accelerations(max(1, after.brake.samples))
         end = slice(0, (index + 1) * CHUNK)
-        check_limits(pan, np.concatenate([u[end], stop]), np.concatenate([states[end], _after(motion, stop)]))
-        assert np.abs(_after(motion, stop)[-1, 2:]).max() <= TOLERANCE
+        check_limits(pan, np.concatenate([u[end], stop]), np.concatenate([states[end], _led_to(after, stop)]))
+        assert np.abs(_led_to(after, stop)[-1, 2:]).max() <= TOLERANCE
         assert not stop[-1].any()
 
 
-def _after(motion: Motion, u: Array) -> Array:
-    return integrate_pan(np.array(motion.state[:4]), u)
+def _led_to(pan: Pan, u: Array) -> Array:
+    return integrate_pan(np.array(pan.state[:4]), u)
 
 
 @often
@@ -190,19 +178,18 @@ def test_what_keeps_the_limits_is_not_changed_in_a_single_bit(pan: Pan, seed: in
     assume(np.hypot(steps[..., 0], steps[..., 1]).max() < pan.limits.jerk * DT)
     assume(np.hypot(*states[:, :2].T).max() < pan.limits.pan_reach)
     assume(stop_reach(end, find_brake(end, pan.limits)) < pan.limits.pan_reach)
-    governed = govern([pan.motion], nearly)
-    assert governed.acceleration is nearly
+    assert govern([pan], nearly)[0] is nearly
 
 
 def test_batch_is_governed_as_each_one_is() -> None:
     rng = np.random.default_rng(4)
-    pans_ = [Pan(PanState(0.01 * n, 0.0, 0.1, 0.0, 0.0, 0.0), Limits(0.1 + 0.01 * n, 5.0 + n)) for n in range(8)]
+    pans_ = [Pan.at(PanState(0.01 * n, 0.0, 0.1, 0.0, 0.0, 0.0), Limits(0.1 + 0.01 * n, 5.0 + n)) for n in range(8)]
     asked = rng.standard_normal((8, CHUNK, 2)) * 8.0
-    together = govern([pan.motion for pan in pans_], asked)
+    together = govern(pans_, asked)
     for row, pan in enumerate(pans_):
-        alone = govern([pan.motion], asked[row : row + 1])
-        np.testing.assert_array_equal(alone.acceleration[0], together.acceleration[row])
-        assert alone.motions[0] == together.motions[row]
+        alone = govern([pan], asked[row : row + 1])
+        np.testing.assert_array_equal(alone[0][0], together[0][row])
+        assert alone[2][0] == together[2][row]
 
 
 def test_following_catches_up_as_fast_as_the_jerk_allows_and_then_is_exact() -> None:
@@ -216,8 +203,8 @@ def test_following_catches_up_as_fast_as_the_jerk_allows_and_then_is_exact() -> 
 
 def test_without_limits_nothing_is_changed() -> None:
     wild = np.full((1, CHUNK, 2), 1e6)
-    motion = Motion(PanState(0, 0, 0, 0, 0, 0), Brake(0, 0, 0, 0, 1, 0, 1), NO_LIMITS)
-    assert govern([motion], wild).acceleration is wild
+    pan = Pan.at_start(Start(), NO_LIMITS)
+    assert govern([pan], wild)[0] is wild
 
 
 @often
@@ -265,6 +252,6 @@ def test_bad_limits_are_refused_with_the_numbers(values: tuple[float, float, flo
 
 @pytest.mark.parametrize("limits", [Limits(1e-6, 1e-6, 1e-6), Limits(1e-6, 1e9, 1e9), Limits(1e9, 10.0, 1.0)])
 def test_limits_at_the_ends_of_their_ranges_can_be_kept(limits: Limits) -> None:
-    pan = Pan(PanState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), limits)
+    pan = Pan.at(PanState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), limits)
     u, states, _ = drive(pan, list(KINDS), 1)
     check_limits(pan, u, states)
