@@ -11,7 +11,7 @@ COPY server ./server
 COPY benchmarks ./benchmarks
 RUN python -m pip wheel --no-deps --wheel-dir /wheels .
 RUN python -m venv /opt/slide
-RUN /opt/slide/bin/python -m pip install --constraint constraints.txt "$(ls /wheels/slide_planner-*.whl)[server]"
+RUN /opt/slide/bin/python -m pip install --constraint constraints.txt "$(ls /wheels/slide_planner-*.whl)[server,refine]"
 
 FROM ${PYTHON}
 COPY --from=build /opt/slide /opt/slide

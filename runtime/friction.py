@@ -57,3 +57,15 @@ class Friction:
         parts = fields(document, where, ("static", "kinetic"))
         with within(where):
             return cls(parts["static"], parts["kinetic"])
+
+    def corners(self, share: float) -> tuple[Self, ...]:
+        """Return this friction with both coefficients lower and higher by a share, in all four ways.
+
+        The kinetic one stays at most the static one, and both at most MAX_COEFFICIENT.
+        """
+        low, high = 1.0 - share, 1.0 + share
+        return tuple(
+            type(self)(static, min(self.kinetic * kinetic, static))
+            for static in (min(self.static * each, MAX_COEFFICIENT) for each in (low, high))
+            for kinetic in (low, high)
+        )

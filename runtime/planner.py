@@ -19,16 +19,23 @@ from runtime.network.bundle import SHIPPED, Bundle
 from runtime.network.decode import Job, decode
 from runtime.network.manifest import TRAINED_ON
 from runtime.network.reader import chunk_count
+from runtime.physics.compiled import check_compiler
 from runtime.physics.motion import Motion
 from runtime.plan import Plan
 from runtime.quality import assess, friction_range
-from runtime.refine.refine import Effort, kernels, refine
+from runtime.refine.candidates import best_candidate
+from runtime.refine.refine import ROBUST, Effort, kernels, refine
 from runtime.safety.pan import Pan
 from runtime.start import Start
 from runtime.stream import Stream
 
 DEFAULT_BUNDLE = SHIPPED / "default"
 """The bundle that plans where none is named."""
+
+REFINED_FROM = 8
+"""Candidates that a refined plan is begun from: twice as many gain a tenth more, and take as long again."""
+
+MOST_CANDIDATES = 256
 
 AT_REST = Start()
 
@@ -61,6 +68,8 @@ class Planner:
         limits: Limits | None = None,
         start: Start | None = None,
         tolerance: float | None = None,
+        candidates: int | None = None,
+        robust: float | None = None,
         refine_ms: float | None = None,
         refine_iterations: int | None = None,
     ) -> Plan:
@@ -72,10 +81,16 @@ class Planner:
             limits: what holds at every sample; the manifest's if None.
             start: where pan and object are; at rest, the pan in the middle, the object on its mark, if None.
             tolerance: tracking RMSE (m) that the plan is held against, also under other friction; see `FrictionRange`.
-            refine_ms: time (ms) to spend on making the plan better; see `runtime.refine`. Without numba a step takes
-                a tenth of a second instead of half a millisecond. The first call compiles, which takes seconds and
-                does not count.
-            refine_iterations: steps to take instead, which gives the same plan each time.
+            candidates: how many plans to make, of the command turned and mirrored, and to keep the best of, by the law;
+                1 if None, REFINED_FROM where a plan is refined.
+            robust: share by which the friction may be off, to judge candidates and refinement by: by the mean over
+                the friction planned for and the four with each coefficient lower or higher by as much. 0 judges by
+                the friction planned for alone. If None, 0 for candidates, and ROBUST of `runtime.refine.refine` where
+                a plan is refined: what is made better under one friction alone is worse under any other.
+            refine_ms: time (ms) to spend on making the plan better, the candidates not counted; see `runtime.refine`.
+                The first call compiles, which takes seconds and does not count.
+            refine_iterations: steps to take instead, which gives the same plan each time. Without numba a step takes
+                a tenth of a second or more instead of a millisecond.
 
         Returns:
             The plan, K rows, by the time line of `runtime.plan`.
@@ -83,12 +98,15 @@ class Planner:
         Raises:
             InputError: the command, the friction, the limits or the tolerance is not usable, or the pan cannot come
                 to rest within its limits from the start.
+            MissingExtraError: refine_ms without numba.
             BundleError: the network gave a value that is no finite number.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start))
-        effort = _effort(refine_ms, refine_iterations, job.limits)
+        share = _share(robust)
+        effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share, job.limits)
+        count = _candidates(candidates, 1 if effort is None else REFINED_FROM)
         held = _tolerance(tolerance)
-        motion = decode(self.bundle, [job]).one(0)
+        motion = best_candidate(self.bundle, job, count, effort.robust if effort is not None else share or 0.0)
         if effort is not None:
             motion = self._refined(job, motion, effort)
         return self._plan(job, motion, held)
@@ -228,11 +246,30 @@ def _one_for_each(given: Value | Sequence[Value] | None, name: str, count: int) 
     return given
 
 
-def _effort(milliseconds: float | None, iterations: int | None, limits: Limits) -> Effort | None:
+def _candidates(given: int | None, default: int) -> int:
+    if given is None:
+        return default
+    count = number(given, "candidates")
+    if not 1 <= count <= MOST_CANDIDATES or count != int(count):
+        raise InputError(f"candidates must be a whole number from 1 to {MOST_CANDIDATES}, got {count:g}", "candidates")
+    return int(count)
+
+
+def _share(robust: float | None) -> float | None:
+    if robust is None:
+        return None
+    share = number(robust, "robust")
+    if not 0.0 <= share < 1.0:
+        raise InputError(f"robust must be a share of the friction from 0 to less than 1, got {share:g}", "robust")
+    return share
+
+
+def _effort(milliseconds: float | None, iterations: int | None, robust: float, limits: Limits) -> Effort | None:
     """Return how long to refine, None for not at all; loads what it takes, so that the time begins to count after.
 
     Raises:
         InputError: both are given, one is negative, no number or not whole, or there are no limits to refine within.
+        MissingExtraError: a time is given, and numba is not installed: without it nothing would come of it.
     """
     if milliseconds is None and iterations is None:
         return None
@@ -246,8 +283,10 @@ def _effort(milliseconds: float | None, iterations: int | None, limits: Limits) 
         raise InputError(f"{name} must not be negative, got {amount:g}", name)
     if iterations is not None and amount != int(amount):
         raise InputError(f"refine_iterations must be a whole number, got {amount:g}", name)
+    if iterations is None:
+        check_compiler()
     kernels()
-    return Effort(amount * 1e-3) if iterations is None else Effort(0.0, int(amount))
+    return Effort(amount * 1e-3, None, robust) if iterations is None else Effort(0.0, int(amount), robust)
 
 
 def _tolerance(tolerance: float | None) -> float | None:

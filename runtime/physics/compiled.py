@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any
 
+from runtime.errors import extra
+
 Compiler = Callable[[Any], Any]
 
 
@@ -21,6 +23,16 @@ def compiler() -> Compiler | None:
         return None
     compile_one: Compiler = numba.njit(nogil=True, error_model="numpy")
     return compile_one
+
+
+def check_compiler() -> None:
+    """Check that there is a compiler, for what would take too long without.
+
+    Raises:
+        MissingExtraError: numba is not installed.
+    """
+    with extra("refine"):
+        import numba  # noqa: F401
 
 
 def compile_together(functions: Sequence[Any], compile_one: Compiler) -> dict[str, Any]:

@@ -10,8 +10,11 @@ along, so that a stroke that turned out longer than foreseen is made up for by t
 Gradients alone take a thousand steps here for what ten of these do: what an early change does grows with the time that
 is left, so that one step length fits no two samples.
 
-These functions are plain Python over sequences of floats: lists as they are, arrays where numba compiles them. States
-are 8 numbers a sample: pan x, y, vx, vy and object x, y, vx, vy (m, m/s).
+One pan may move several objects at once, each under a friction of its own: what is not known about the friction. Then
+the error is the weighted mean of theirs, and one motion of the pan has to serve them all.
+
+These functions are plain Python over sequences of floats: lists as they are, arrays where numba compiles them. A state
+is 4 + 4 n numbers for n objects: pan x, y, vx, vy, and of each object x, y, vx, vy (m, m/s).
 """
 
 from __future__ import annotations
@@ -31,66 +34,83 @@ REACH_WEIGHT = 10.0
 END_WEIGHT = 1000.0
 """The same for where the pan would come to rest if it braked at the end, which is a single sample."""
 
-STATE = 8
-SIZE = 10
-"""Numbers in a state, and with the two of a block's change."""
-
-ROW = 2 * STATE + 2
-"""Numbers of a block in `gains`: what its change is by itself, then by each of the state's deviations, x before y."""
+PAN = OBJECT = 4
+"""Numbers in the state of the pan, and of an object."""
 
 Column = Any
 """A sequence of floats that can be written to: a list, or an array where the functions are compiled."""
 
 
+def state_size(objects: int) -> int:
+    """Return how many numbers a state has."""
+    return PAN + OBJECT * objects
+
+
+def row_size(state: int) -> int:
+    """Return how many numbers `gains` has for a block: its change by itself, and by each deviation, x before y."""
+    return 2 * state + 2
+
+
 def move(
-    u: Column, command: Column, state: Column, law: Any, within: Any, gains: Column, planned: Column, share: float,
-    states: Column, out: Column,
+    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any, within: Any, gains: Column,
+    planned: Column, share: float, states: Column, out: Column,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Move pan and object along accelerations changed by `gains`, within the limits on acceleration and jerk.
+    """Move pan and objects along accelerations changed by `gains`, within the limits on acceleration and jerk.
 
     Args:
-        u: (2n,) accelerations (m/s^2).
-        command: (2n,) where the object should be before each sample (m).
-        state: (8,) at the start; afterwards, at the end.
-        law: static and kinetic limit mu g, mu' g (m/s^2), soft reach (m), and `stopping`'s time for the ramps (s).
+        u: (2K,) accelerations (m/s^2).
+        command: (2K,) where the objects should be before each sample (m).
+        state: (size,) at the start; afterwards, at the end.
+        friction: (2n,) of each of n objects mu g and mu' g (m/s^2).
+        weights: (n,) how much each counts; their sum is 1.
+        law: soft reach (m), and `stopping`'s time for the ramps (s).
         within: largest acceleration and change of it from sample to sample, acceleration of the sample before (m/s^2).
-        gains: from `sweep`, ROW numbers a block; zeros leave `u` as it is.
-        planned: (8n,) the states that the gains were found along.
+        gains: from `sweep`, a row for each block; zeros leave `u` as it is.
+        planned: (size K,) the states that the gains were found along.
         share: of the change that is made (0 to 1).
-        states: (8n,) filled with the states before each sample.
-        out: (2n,) filled with the accelerations.
+        states: (size K,) filled with the states before each sample.
+        out: (2K,) filled with the accelerations.
 
     Returns:
-        Sum of the squared distances to the command (m^2), that with the penalties, largest distance of the pan (m).
+        Sum of the squared distances to the command (m^2), on the weighted mean of the objects; that with the
+        penalties; the largest distance of the pan (m).
     """
-    static_limit, kinetic_limit, reach, ramps = law
+    reach, ramps = law
     bound, change, last_x, last_y = within
-    x, y, vx, vy, px, py, wx, wy = state
+    size, objects = len(state), len(friction) // 2
+    row_length = row_size(size)
     squared = penalty = farthest = add_x = add_y = 0.0
     for k in range(len(u) // 2):
-        first = STATE * k
-        states[first], states[first + 1], states[first + 2], states[first + 3] = x, y, vx, vy
-        states[first + 4], states[first + 5], states[first + 6], states[first + 7] = px, py, wx, wy
-        squared += (px - command[2 * k]) ** 2 + (py - command[2 * k + 1]) ** 2
+        first = size * k
+        for j in range(size):
+            states[first + j] = state[j]
+        x, y, vx, vy = state[0], state[1], state[2], state[3]
         distance = math.sqrt(x * x + y * y)
         farthest = max(farthest, distance)
         penalty += REACH_WEIGHT * max(distance - reach, 0.0) ** 2
         if k % BLOCK == 0:
-            row = ROW * (k // BLOCK)
+            row = row_length * (k // BLOCK)
             add_x = share * gains[row]
             add_y = share * gains[row + 1]
-            for j in range(STATE):
-                deviation = states[first + j] - planned[first + j]
+            for j in range(size):
+                deviation = state[j] - planned[first + j]
                 add_x += gains[row + 2 + j] * deviation
-                add_y += gains[row + 2 + STATE + j] * deviation
+                add_y += gains[row + 2 + size + j] * deviation
         last_x, last_y = follow_one(last_x, last_y, u[2 * k] + add_x, u[2 * k + 1] + add_y, bound, change)
         out[2 * k], out[2 * k + 1] = last_x, last_y
-        px, py, wx, wy = slide_step(px, py, wx, wy, last_x, last_y, static_limit, kinetic_limit, DT)
-        x += vx * DT + last_x * (0.5 * DT * DT)
-        y += vy * DT + last_y * (0.5 * DT * DT)
-        vx += last_x * DT
-        vy += last_y * DT
-    state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7] = x, y, vx, vy, px, py, wx, wy
+        for n in range(objects):
+            p = PAN + OBJECT * n
+            error = (state[p] - command[2 * k]) ** 2 + (state[p + 1] - command[2 * k + 1]) ** 2
+            squared += weights[n] * error
+            state[p], state[p + 1], state[p + 2], state[p + 3] = slide_step(
+                state[p], state[p + 1], state[p + 2], state[p + 3], last_x, last_y, friction[2 * n],
+                friction[2 * n + 1], DT,
+            )  # fmt: skip
+        state[0] = x + vx * DT + last_x * (0.5 * DT * DT)
+        state[1] = y + vy * DT + last_y * (0.5 * DT * DT)
+        state[2] = vx + last_x * DT
+        state[3] = vy + last_y * DT
+    x, y, vx, vy = state[0], state[1], state[2], state[3]
     tau = stopping(vx, vy, bound, ramps)
     distance = math.sqrt((x + tau * vx) ** 2 + (y + tau * vy) ** 2)
     penalty += END_WEIGHT * max(distance - reach, 0.0) ** 2
@@ -116,79 +136,88 @@ def stopping(vx: float, vy: float, bound: float, ramps: float) -> float:
 
 
 def sweep(
-    u: Column, command: Column, state: Column, law: Any, bound: float, states: Column, damping: float, gains: Column,
-    s: Column, g: Column,
+    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any, bound: float,
+    states: Column, damping: float, gains: Column, s: Column, g: Column,
 ) -> None:  # fmt: skip
     """Fill `gains` with the change of each block that brings the quadratic model down to its least, and its answers.
 
-    Going back in time, S (10, 10) and g (10,) are the model of all the cost from here on, as a function of the state's
-    deviation and the block's change: d' S d / 2 + g' d. Each substitution is one line of the law.
+    Going back in time, S (size + 2, size + 2) and g (size + 2,) are the model of all the cost from here on, as a
+    function of the state's deviation and the block's change: d' S d / 2 + g' d. Each substitution is one line of the
+    law.
 
     Args:
-        u, command, state, law, bound, states: as `move` left them; `state` is the one at the end.
+        u, command, state, friction, weights, law, bound, states: as `move` left them; `state` is the one at the end.
         damping: weight of the squared change (m^2 per (m/s^2)^2): the smaller, the longer the step.
-        gains: (ROW per block,) filled.
-        s, g: (100,) and (10,), for S and g.
+        gains: (a row for each block,) filled.
+        s, g: ((size + 2)^2,) and (size + 2,), for S and g.
     """
-    static_limit, kinetic_limit, reach, ramps = law
-    for i in range(SIZE * SIZE):
+    reach, ramps = law
+    size, objects = len(state), len(friction) // 2
+    order, ux, uy = size + 2, size, size + 1
+    for i in range(order * order):
         s[i] = 0.0
-    for i in range(SIZE):
+    for i in range(order):
         g[i] = 0.0
     tau = stopping(state[2], state[3], bound, ramps)
-    price_reach(s, g, state[0] + tau * state[2], state[1] + tau * state[3], tau, reach, END_WEIGHT)
+    price_reach(s, g, order, state[0] + tau * state[2], state[1] + tau * state[3], tau, reach, END_WEIGHT)
     half = 0.5 * DT
     for k in range(len(u) // 2 - 1, -1, -1):
-        first = STATE * k
+        first = size * k
         before = 2 * max(k - 1, 0)
-        fxx, fxy, fyy, hxx, hxy, hyy = linearize(
-            states[first + 6], states[first + 7], u[2 * k], u[2 * k + 1], u[before], u[before + 1],
-            static_limit, kinetic_limit, DT,
-        )  # fmt: skip
-        # p+ = p + (v + v+) dt/2 and v+ = F v + H u, for the object and, with F = 1 and H = dt, for the pan.
+        # p+ = p + (v + v+) dt/2 and v+ = F v + H u, for each object and, with F = 1 and H = dt, for the pan.
+        for n in range(objects):
+            p = PAN + OBJECT * n
+            v = p + 2
+            fxx, fxy, fyy, hxx, hxy, hyy = linearize(
+                states[first + v], states[first + v + 1], u[2 * k], u[2 * k + 1], u[before], u[before + 1],
+                friction[2 * n], friction[2 * n + 1], DT,
+            )  # fmt: skip
+            substitute(s, g, order, p, v, half)
+            substitute(s, g, order, p + 1, v + 1, half)
+            substitute(s, g, order, v, ux, hxx)
+            substitute(s, g, order, v + 1, uy, hyy)
+            if hxy != 0.0:
+                substitute(s, g, order, v, uy, hxy)
+                substitute(s, g, order, v + 1, ux, hxy)
+            turn(s, g, order, v, fxx, fxy, fyy)
+            for i in range(2):
+                substitute(s, g, order, p + i, v + i, half)
+                s[(p + i) * (order + 1)] += weights[n]
+                g[p + i] += weights[n] * (states[first + p + i] - command[2 * k + i])
         for i in range(2):
-            substitute(s, g, 4 + i, 6 + i, half)
-            substitute(s, g, i, 2 + i, half)
-        substitute(s, g, 6, 8, hxx)
-        substitute(s, g, 7, 9, hyy)
-        if hxy != 0.0:
-            substitute(s, g, 6, 9, hxy)
-            substitute(s, g, 7, 8, hxy)
-        turn(s, g, fxx, fxy, fyy)
-        for i in range(2):
-            substitute(s, g, 4 + i, 6 + i, half)
-            substitute(s, g, 2 + i, 8 + i, DT)
-            substitute(s, g, i, 2 + i, half)
-            s[(4 + i) * (SIZE + 1)] += 1.0
-            g[4 + i] += states[first + 4 + i] - command[2 * k + i]
-        price_reach(s, g, states[first], states[first + 1], 0.0, reach, REACH_WEIGHT)
+            substitute(s, g, order, i, 2 + i, half)
+            substitute(s, g, order, 2 + i, ux + i, DT)
+            substitute(s, g, order, i, 2 + i, half)
+        price_reach(s, g, order, states[first], states[first + 1], 0.0, reach, REACH_WEIGHT)
         if k % BLOCK == 0:
-            settle(s, g, damping, gains, ROW * (k // BLOCK))
+            solve_block(s, g, order, damping, gains, row_size(size) * (k // BLOCK))
 
 
-def substitute(s: Column, g: Column, i: int, j: int, factor: float) -> None:
+def substitute(s: Column, g: Column, order: int, i: int, j: int, factor: float) -> None:
     """Put d_i + factor d_j in the place of d_i."""
-    for r in range(SIZE):
-        s[SIZE * r + j] += factor * s[SIZE * r + i]
-    for r in range(SIZE):
-        s[SIZE * j + r] += factor * s[SIZE * i + r]
+    if factor == 0.0:
+        return
+    for r in range(order):
+        s[order * r + j] += factor * s[order * r + i]
+    for r in range(order):
+        s[order * j + r] += factor * s[order * i + r]
     g[j] += factor * g[i]
 
 
-def turn(s: Column, g: Column, fxx: float, fxy: float, fyy: float) -> None:
-    """Put F v, with a symmetric F, in the place of the object's velocity v."""
+def turn(s: Column, g: Column, order: int, v: int, fxx: float, fxy: float, fyy: float) -> None:
+    """Put F v, with a symmetric F, in the place of an object's velocity, d_v and d_(v + 1)."""
     if fxx == 1.0 and fxy == 0.0 and fyy == 1.0:
         return
-    for r in range(SIZE):
-        a, b = s[SIZE * r + 6], s[SIZE * r + 7]
-        s[SIZE * r + 6], s[SIZE * r + 7] = fxx * a + fxy * b, fxy * a + fyy * b
-    for r in range(SIZE):
-        a, b = s[SIZE * 6 + r], s[SIZE * 7 + r]
-        s[SIZE * 6 + r], s[SIZE * 7 + r] = fxx * a + fxy * b, fxy * a + fyy * b
-    g[6], g[7] = fxx * g[6] + fxy * g[7], fxy * g[6] + fyy * g[7]
+    for r in range(order):
+        a, b = s[order * r + v], s[order * r + v + 1]
+        s[order * r + v], s[order * r + v + 1] = fxx * a + fxy * b, fxy * a + fyy * b
+    for r in range(order):
+        a, b = s[order * v + r], s[order * (v + 1) + r]
+        s[order * v + r], s[order * (v + 1) + r] = fxx * a + fxy * b, fxy * a + fyy * b
+    g[v], g[v + 1] = fxx * g[v] + fxy * g[v + 1], fxy * g[v] + fyy * g[v + 1]
 
 
-def price_reach(s: Column, g: Column, x: float, y: float, tau: float, reach: float, weight: float) -> None:
+def price_reach(s: Column, g: Column, order: int, x: float, y: float, tau: float, reach: float, weight: float) -> None:
     """Add weight (|p + tau v| - reach)^2 / 2 for the pan, where p + tau v = (x, y) is beyond `reach`."""
     distance = math.sqrt(x * x + y * y)
     if distance <= reach:
@@ -196,31 +225,33 @@ def price_reach(s: Column, g: Column, x: float, y: float, tau: float, reach: flo
     along = (x / distance, y / distance, tau * x / distance, tau * y / distance)
     for i in range(4):
         for j in range(4):
-            s[SIZE * i + j] += weight * along[i] * along[j]
+            s[order * i + j] += weight * along[i] * along[j]
         g[i] += weight * (distance - reach) * along[i]
 
 
-def settle(s: Column, g: Column, damping: float, gains: Column, row: int) -> None:
+def solve_block(s: Column, g: Column, order: int, damping: float, gains: Column, row: int) -> None:
     """Choose the block's change: the least of the model, with `damping`; S and g become those without it."""
-    a, b, d = s[88] + damping, s[89], s[99] + damping
+    size = order - 2
+    x, y = order * size, order * (size + 1)
+    a, b, d = s[x + size] + damping, s[x + size + 1], s[y + size + 1] + damping
     determinant = a * d - b * b
     a, b, d = d / determinant, -b / determinant, a / determinant
-    gains[row] = -(a * g[8] + b * g[9])
-    gains[row + 1] = -(b * g[8] + d * g[9])
-    for j in range(STATE):
-        gains[row + 2 + j] = -(a * s[80 + j] + b * s[90 + j])
-        gains[row + 2 + STATE + j] = -(b * s[80 + j] + d * s[90 + j])
-    for i in range(STATE):
-        p, q = s[SIZE * i + 8], s[SIZE * i + 9]
-        for j in range(STATE):
-            s[SIZE * i + j] += p * gains[row + 2 + j] + q * gains[row + 2 + STATE + j]
+    gains[row] = -(a * g[size] + b * g[size + 1])
+    gains[row + 1] = -(b * g[size] + d * g[size + 1])
+    for j in range(size):
+        gains[row + 2 + j] = -(a * s[x + j] + b * s[y + j])
+        gains[row + 2 + size + j] = -(b * s[x + j] + d * s[y + j])
+    for i in range(size):
+        p, q = s[order * i + size], s[order * i + size + 1]
+        for j in range(size):
+            s[order * i + j] += p * gains[row + 2 + j] + q * gains[row + 2 + size + j]
         g[i] += p * gains[row] + q * gains[row + 1]
-    for i in range(SIZE):
-        s[SIZE * i + 8] = s[SIZE * i + 9] = s[80 + i] = s[90 + i] = 0.0
-    g[8] = g[9] = 0.0
+    for i in range(order):
+        s[order * i + size] = s[order * i + size + 1] = s[x + i] = s[y + i] = 0.0
+    g[size] = g[size + 1] = 0.0
 
 
 FUNCTIONS = (
-    slide_step, linearize, follow_one, stopping, substitute, turn, price_reach, settle, move, sweep
+    slide_step, linearize, row_size, follow_one, stopping, substitute, turn, price_reach, solve_block, move, sweep
 )  # fmt: skip
 """In the order in which they call each other."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -23,9 +23,9 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.compiled import compile_together, compiler
-from runtime.physics.law import DT, GRAVITY, rollout
+from runtime.physics.law import DT, GRAVITY, rollout, slide
 from runtime.physics.motion import Motion
-from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, ROW, SIZE, STATE, Column, move, sweep
+from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, Column, move, row_size, state_size, sweep
 from runtime.safety.governor import govern
 from runtime.safety.pan import Pan
 from runtime.safety.stop import PanState
@@ -57,6 +57,13 @@ KICK_SIZE = (1.0, 12.0)
 """Range of a kick's size (m/s^2), even on a logarithmic scale."""
 
 
+ROBUST = 0.1
+"""Share by which the friction may be off unless something else is said: what two pans of one make differ by."""
+
+PLANNED_FOR = 2.0
+"""Weight of the friction that is planned for, beside 1 for each other one."""
+
+
 class Kernels(NamedTuple):
     """`runtime.descent`'s two loops over the samples, and how a column is made for them."""
 
@@ -78,16 +85,25 @@ def kernels() -> Kernels:
     functions = compile_together(FUNCTIONS, compile_one)
     found = Kernels(functions["move"], functions["sweep"], lambda values: np.array(values, dtype=np.float64).ravel())
     nothing = np.zeros((1, 2))
-    descent = Descent(found, nothing, nothing, np.zeros(STATE), (1.0, 1.0, 1.0, 0.0), (1.0, 1.0, 0.0, 0.0))
+    descent = Descent(found, nothing, nothing, np.zeros(4), np.zeros(4), [Friction()], (1.0, 0.0), (1.0, 1.0, 0.0, 0.0))
     descent.go_on()  # compiles, so that no plan waits for it
     return found
 
 
 class Effort(NamedTuple):
-    """How long to refine: a time (s), or a number of steps, with which the result is the same each time."""
+    """How long to refine: a time (s), or a number of steps, with which the result is the same each time.
+
+    Attributes:
+        seconds: time to spend.
+        iterations: steps to take instead.
+        robust: share by which the friction may be off, each coefficient by itself: a step is taken if it pays on the
+            mean over the friction planned for and these four. 0 for the one planned for only, which gives plans that
+            are better under it and worse under any other.
+    """
 
     seconds: float
     iterations: int | None = None
+    robust: float = ROBUST
 
 
 class Descent:
@@ -97,11 +113,12 @@ class Descent:
         loops: the kernels.
         u: (n, 2) accelerations to begin with (m/s^2).
         command: (n, 2) where the object should be before each sample (m).
-        start: (8,) pan and object at the start.
-        law, within: as `runtime.descent.move` takes them.
+        pan, sliding: (4,) pan and object at the start.
+        frictions: under each of which the object is to follow; the first is the one planned for.
+        law, within: as `runtime.refine.gauss_newton.move` takes them.
 
     Attributes:
-        squared: sum of the squared distances to the command (m^2).
+        squared: sum of the squared distances to the command (m^2), on the weighted mean over the frictions.
         farthest: largest distance of the pan from the centre (m).
     """
 
@@ -110,17 +127,24 @@ class Descent:
         loops: Kernels,
         u: FloatArray,
         command: FloatArray,
-        start: FloatArray,
+        pan: FloatArray,
+        sliding: FloatArray,
+        frictions: Sequence[Friction],
         law: tuple[float, ...],
         within: tuple[float, ...],
     ) -> None:
         column = loops.column
-        self._loops, self._start, self._law, self._within = loops, start, law, within
+        self._start = np.concatenate([pan, np.tile(sliding, len(frictions))])
+        self._loops, self._law, self._within = loops, law, within
+        self._friction = column(GRAVITY * np.array([(each.static, each.kinetic) for each in frictions]))
+        state = state_size(len(frictions))
+        self._weights = column(weights(len(frictions)))
+        self._row = row_size(state)
         self._command, self._u, self._other = column(command), column(u), column(u)
-        self._states, self._other_states = (column(np.zeros((len(u), STATE))) for _ in range(2))
+        self._states, self._other_states = (column(np.zeros((len(u), state))) for _ in range(2))
         self._blocks = -(-len(u) // BLOCK)
-        self._gains = column(np.zeros((self._blocks, ROW)))
-        self._model = column(np.zeros((SIZE, SIZE))), column(np.zeros(SIZE))
+        self._gains = column(np.zeros((self._blocks, self._row)))
+        self._model = column(np.zeros((state + 2, state + 2))), column(np.zeros(state + 2))
         self._damping, self._kicks = DAMPING, 0
         self._random = np.random.default_rng(0)
         self.squared = self._cost = self.farthest = math.inf
@@ -154,14 +178,14 @@ class Descent:
 
     def _sweep(self, damping: float) -> None:
         self._loops.sweep(
-            self._u, self._command, self._end, self._law, self._within[0], self._states, damping, self._gains,
-            *self._model,
+            self._u, self._command, self._end, self._friction, self._weights, self._law, self._within[0],
+            self._states, damping, self._gains, *self._model,
         )  # fmt: skip
 
     def _kick(self) -> None:
         """Let the blocks do nothing by themselves but for a few, there and back; their answers stay."""
         gains, draw = self._gains, self._random
-        for row in range(0, ROW * self._blocks, ROW):
+        for row in range(0, self._row * self._blocks, self._row):
             gains[row] = gains[row + 1] = 0.0
         count = int(draw.integers(KICK_BLOCKS[0], KICK_BLOCKS[1], endpoint=True))
         first = int(draw.integers(1 - count, self._blocks))
@@ -170,15 +194,15 @@ class Descent:
         for block in range(max(first, 0), min(first + count, self._blocks)):
             phase = math.pi * (block - first + 0.5) / count
             amount = size * math.sin(phase) * math.sin(2.0 * phase)
-            gains[ROW * block] = amount * math.cos(angle)
-            gains[ROW * block + 1] = amount * math.sin(angle)
+            gains[self._row * block] = amount * math.cos(angle)
+            gains[self._row * block + 1] = amount * math.sin(angle)
 
     def _try(self, share: float) -> bool:
         """Move along a share of the gains, and stay there if that is better."""
         end = self._loops.column(self._start)
         squared, cost, farthest = self._loops.move(
-            self._u, self._command, end, self._law, self._within, self._gains, self._states, share,
-            self._other_states, self._other,
+            self._u, self._command, end, self._friction, self._weights, self._law, self._within, self._gains,
+            self._states, share, self._other_states, self._other,
         )  # fmt: skip
         if not cost < self._cost:
             return False
@@ -196,6 +220,7 @@ def refine(
     friction: Friction,
     chunk: int,
     effort: Effort,
+    loops: Kernels | None = None,
 ) -> Motion | None:
     """Descend the tracking error of planned accelerations.
 
@@ -206,17 +231,19 @@ def refine(
         command: (n, 2) where the object should be before each sample (m).
         friction: what to plan for.
         chunk: samples that the governor looks at together, should it have to change anything.
-        effort: how long to try.
+        effort: how long to try, and what for.
+        loops: what to run; `kernels()` if None.
 
     Returns:
         The best motion found, None if it tracks no better than `u`.
     """
-    found = _descend(u, pan, sliding, command, friction, effort)
+    frictions = expected(friction, effort.robust)
+    found = _descend(u, pan, sliding, command, frictions, effort, loops or kernels())
     kept = _governed(found, pan, sliding, friction, len(found))  # a stop from its end alone was seen to
     if not np.array_equal(kept.acceleration, found):
         kept = _governed(found, pan, sliding, friction, chunk)
-    better = _error(kept.acceleration, sliding, command, friction) < _error(u, sliding, command, friction)
-    return kept if better else None
+    before, after = (robust_error(each, sliding, command, frictions) for each in (u, kept.acceleration))
+    return kept if after < before else None
 
 
 def _descend(
@@ -224,18 +251,17 @@ def _descend(
     pan: Pan,
     sliding: FloatArray,
     command: FloatArray,
-    friction: Friction,
+    frictions: Sequence[Friction],
     effort: Effort,
+    loops: Kernels,
 ) -> FloatArray:
     """Return the best accelerations found until the time is up or the steps are taken."""
-    loops = kernels()
     until = time.perf_counter() + effort.seconds
     limits = pan.limits
     ramps = RAMPS * limits.acceleration / limits.jerk
-    law = friction.static * GRAVITY, friction.kinetic * GRAVITY, SOFT_REACH * limits.pan_reach, ramps
     within = limits.acceleration, limits.jerk * DT, *pan.state[4:]
-    start = np.array([*pan.state[:4], *sliding.tolist()])
-    descent = Descent(loops, u, command, start, law, within)
+    law = SOFT_REACH * limits.pan_reach, ramps
+    descent = Descent(loops, u, command, np.array(pan.state[:4]), sliding, frictions, law, within)
     best, least, count = u, descent.squared, 0
     while time.perf_counter() < until if effort.iterations is None else count < effort.iterations:
         count += 1
@@ -256,7 +282,30 @@ def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, 
     return Motion(kept, u, np.concatenate(states), np.concatenate([sliding[None], rollout(sliding, kept, friction)]))
 
 
-def _error(u: FloatArray, sliding: FloatArray, command: FloatArray, friction: Friction) -> float:
-    """Return the mean squared distance between object and command (m^2)."""
-    states = np.concatenate([sliding[None], rollout(sliding, u[:-1], friction)])
-    return float(np.mean(np.sum((states[:, :2] - command) ** 2, axis=1)))
+def expected(friction: Friction, robust: float) -> list[Friction]:
+    """Return the frictions that a plan is judged by: the one planned for, and those around it if `robust` is not 0."""
+    return [friction, *friction.corners(robust)] if robust > 0.0 else [friction]
+
+
+def weights(frictions: int) -> FloatArray:
+    """Return how much each of these frictions counts, (n,) with the sum 1."""
+    each = np.ones(frictions)
+    each[0] = PLANNED_FOR
+    shares: FloatArray = each / each.sum()
+    return shares
+
+
+def robust_error(u: FloatArray, sliding: FloatArray, command: FloatArray, frictions: Sequence[Friction]) -> float:
+    """Return the mean squared distance between object and command (m^2), on the weighted mean over frictions.
+
+    Args:
+        u: (K, 2) pan accelerations (m/s^2).
+        sliding: (4,) the object at the start (m, m/s).
+        command: (K, 2) where it should be before each sample (m).
+        frictions: as `expected` returns them.
+    """
+    count = len(frictions)
+    slid = slide(np.tile(sliding, (count, 1)), np.tile(u[:-1], (count, 1, 1)), frictions)
+    errors = slid[..., :2] - command[1:]
+    squared = np.sum(errors * errors, axis=(1, 2)) + np.sum((sliding[:2] - command[0]) ** 2)
+    return float(weights(count) @ squared) / len(command)

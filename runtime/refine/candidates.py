@@ -1,0 +1,89 @@
+"""One command planned turned and mirrored: the same task to the law, and not quite the same to the network.
+
+A pan has no front. A command that is turned, or mirrored, planned, and turned back gives another plan for the same
+command, and the best of several is better than one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from runtime.command import Command
+from runtime.documents.checks import FloatArray
+from runtime.network.bundle import Bundle
+from runtime.network.decode import Job, decode
+from runtime.physics.law import rollout
+from runtime.physics.motion import Motion
+from runtime.physics.pan import integrate_pan
+from runtime.refine.refine import expected, robust_error
+from runtime.start import Pair, Start
+
+
+def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> Motion:
+    """Plan a command turned and mirrored, as one batch, and return the plan that tracks best by the law.
+
+    Args:
+        bundle: the network.
+        job: the command; the first candidate is its plan as it is.
+        count: number of candidates.
+        robust: share by which the friction may be off; see `runtime.refine.refine.Effort`.
+
+    Raises:
+        InputError, BundleError: as `decode`.
+    """
+    if count == 1:
+        return decode(bundle, [job]).one(0)
+    turns = [_turn(index, count) for index in range(count)]
+    motion = decode(bundle, [job] + [_turned(job, turn) for turn in turns[1:]])
+    samples, sliding = len(job.command), motion.sliding[0, 0]
+    frictions = expected(job.friction, robust)
+    errors = [
+        robust_error(motion.acceleration[index, :samples] @ turn, sliding, job.command.position, frictions)
+        for index, turn in enumerate(turns)
+    ]
+    best = int(np.argmin(errors))
+    if best == 0:
+        return motion.one(0)
+    u, asked = motion.acceleration[best] @ turns[best], motion.asked[best] @ turns[best]
+    pan = integrate_pan(motion.pan[0, 0], u)
+    return Motion(
+        u,
+        asked,
+        np.concatenate([motion.pan[0, :1], pan]),
+        np.concatenate([sliding[None], rollout(sliding, u, job.friction)]),
+    )
+
+
+def _turn(index: int, count: int) -> FloatArray:
+    """Return the (2, 2) matrix of a candidate: half of them turned by even angles, the other half mirrored too."""
+    turned = -(-count // 2)
+    angle = 2.0 * math.pi * (index % turned) / turned
+    cos, sin = math.cos(angle), math.sin(angle)
+    mirrored = -1.0 if index >= turned else 1.0
+    return np.array([[cos, -sin * mirrored], [sin, cos * mirrored]])
+
+
+def _turned(job: Job, turn: FloatArray) -> Job:
+    """Return a job with all of its vectors turned; the command about where it begins, so that it stays on the pan."""
+    start, origin = job.start, job.command.position[0]
+
+    def vector(pair: Pair) -> Pair:
+        x, y = turn @ pair
+        return float(x), float(y)
+
+    placed = start.object_position
+    if placed is not None:
+        x, y = origin + turn @ (placed - origin)
+        placed = float(x), float(y)
+    return job._replace(
+        command=Command(origin + (job.command.position - origin) @ turn.T),
+        start=Start(
+            pan_position=vector(start.pan_position),
+            pan_velocity=vector(start.pan_velocity),
+            pan_acceleration=vector(start.pan_acceleration),
+            object_position=placed,
+            object_velocity=vector(start.object_velocity),
+        ),
+    )
