@@ -69,7 +69,7 @@ def compare(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
             command[None], np.array([count]), None, np.array([friction.static]), np.array([friction.kinetic])
         )
         with torch.no_grad():
-            motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+            motion = decode(model, batch.command, batch.static, batch.kinetic)
         # Row k of `after` is the state at t_{k+1}; the plan's row k is the state at t_k.
         after = motion.states[0, : count - 1].numpy()
         sliding = (plan.object_velocity[1:] != 0).any(axis=1)

@@ -167,7 +167,7 @@ def _batch(count: int, samples: int) -> Batch:
 def step(model: Seq2Seq, batch: Batch, weights: Weights, precision: Precision) -> None:
     """Do the forward and the backward pass of the loss L (Eq. 21)."""
     with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bfloat16"):
-        motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+        motion = decode(model, batch.command, batch.static, batch.kinetic)
     loss = loss_object(motion.states, motion.u, motion.covariance, batch.object_position, batch.mask, weights)
     model.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
@@ -176,7 +176,7 @@ def step(model: Seq2Seq, batch: Batch, weights: Weights, precision: Precision) -
 def decoded_chunks(model: Seq2Seq, batch: Batch) -> list[Tensor]:
     """Return the pan accelerations of a step, (B, C, 2) a chunk, as leaves to differentiate by."""
     with torch.no_grad():
-        u = decode(model, batch.command, batch.static_limit, batch.kinetic_limit).u
+        u = decode(model, batch.command, batch.static, batch.kinetic).u
     return [chunk.contiguous().requires_grad_() for chunk in torch.split(u, model.chunk, dim=1)]
 
 
@@ -185,7 +185,7 @@ def slide(chunks: list[Tensor], batch: Batch) -> None:
     start = torch.zeros(len(chunks[0]), 8, dtype=torch.float64)
     moved = []
     for u in chunks:
-        states = rollout(start, u, batch.static_limit, batch.kinetic_limit)
+        states = rollout(start, u, batch.static, batch.kinetic)
         start = states[:, -1]
         moved.append(states)
     torch.autograd.grad(moved, chunks, [torch.ones_like(states) for states in moved])

@@ -1,20 +1,22 @@
 """The law of friction between the pan and the object on it (Eqs. 3, 4 and 9 of the paper), in discrete time.
 
 Per sample of `dt` = 1 ms, in float64. The object's position `p` (m) and velocity `v` (m/s) are relative to the
-pan; the input is the pan's acceleration `u` (m/s^2); `mu` is the static and `mu'` the kinetic coefficient:
+pan, in its plane; the input is the pan's acceleration (m/s^2), `u` in the plane and `w` upwards; `mu` is the static and
+`mu'` the kinetic coefficient; n = g + w > 0 is the acceleration that presses the object on the pan:
 
     if |v| > 0:                         sliding
-        a  = -u - mu' g v/|v|
+        a  = -u - mu' n v/|v|
         v+ = v + a dt
         if v+ . v <= 0:                 friction would turn the object round: it comes to rest instead
             a = -v/dt ;  v+ = 0
-    elif |u| >= mu g:                   breaks away
-        a  = -u + mu g u/|u| ;  v+ = a dt
+    elif |u| >= mu n:                   breaks away
+        a  = -u + mu n u/|u| ;  v+ = a dt
     else:                               sticks
         a  = 0 ;  v+ = 0
     p+ = p + v dt + a dt^2/2
 
-Rest is exactly `v = 0`: there is no velocity threshold. The pan is the double integrator of Eq. 3.
+Rest is exactly `v = 0`: there is no velocity threshold. The pan is the double integrator of Eq. 3. A level pan, the
+paper's, has w = 0. Accelerations have two columns, u, for a level pan, or three, u and w, for one that lifts.
 
 `slide_step` is this text for one object, in plain floats: fastest in plain Python for a single trajectory, and
 the function that training compiles with numba for the CPU and for CUDA. `rollout` runs it along a trajectory;
@@ -31,12 +33,13 @@ from typing import Any
 import numpy as np
 
 from runtime.documents.checks import FloatArray
+from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.physics.compiled import compile_together, compiler
 
 
 def slide(state: FloatArray, u: FloatArray, frictions: Sequence[Friction]) -> FloatArray:
-    """Slide B objects, each under its friction: (B, 4), (B, C, 2) -> (B, C, 4)."""
+    """Slide B objects, each under its friction: (B, 4), (B, C, 2) or (B, C, 3) -> (B, C, 4); see `rollout`."""
     if one_by_one(len(state)):
         return np.stack([rollout(*one) for one in zip(state, u, frictions, strict=True)])
     static = np.array([friction.static for friction in frictions])
@@ -72,8 +75,8 @@ def slide_step(
         px, py: object position relative to the pan (m).
         vx, vy: object velocity relative to the pan (m/s).
         ux, uy: pan acceleration over the sample (m/s^2).
-        static_limit: mu g, the pan acceleration at which a resting object breaks away (m/s^2).
-        kinetic_limit: mu' g, the deceleration by friction while sliding (m/s^2).
+        static_limit: mu n, the pan acceleration at which a resting object breaks away (m/s^2).
+        kinetic_limit: mu' n, the deceleration by friction while sliding (m/s^2).
         dt: sampling interval (s).
 
     Returns:
@@ -111,49 +114,97 @@ def rollout(state: FloatArray, acceleration: FloatArray, friction: Friction, dt:
 
     Args:
         state: (4,) object position (m) and velocity (m/s) relative to the pan before the first sample.
-        acceleration: (n, 2) pan acceleration (m/s^2).
+        acceleration: (n, 2) or, of a pan that lifts, (n, 3) pan acceleration (m/s^2).
         friction: coefficients.
         dt: sampling interval (s).
 
     Returns:
         (n, 4) object states after each sample.
+
+    Raises:
+        InputError: the pan falls away from the object.
     """
-    static_limit = friction.static * GRAVITY
-    kinetic_limit = friction.kinetic * GRAVITY
+    static, kinetic = friction.static, friction.kinetic
     px, py, vx, vy = state.tolist()
+    lifts = acceleration.shape[1] == 3
+    if lifts:
+        check_contact(acceleration)
     compiled = _compiled  # which another thread may replace
     if compiled is not None:
         u = np.ascontiguousarray(acceleration, dtype=np.float64)
         out = np.empty((len(u), 4))
-        compiled(px, py, vx, vy, u, static_limit, kinetic_limit, dt, out)
+        compiled[lifts](px, py, vx, vy, u, static, kinetic, GRAVITY, dt, out)
         return out
     states = []
-    for ux, uy in acceleration.tolist():
-        px, py, vx, vy = slide_step(px, py, vx, vy, ux, uy, static_limit, kinetic_limit, dt)
-        states.append((px, py, vx, vy))
+    if lifts:
+        for ux, uy, w in acceleration.tolist():
+            normal = GRAVITY + w
+            px, py, vx, vy = slide_step(px, py, vx, vy, ux, uy, static * normal, kinetic * normal, dt)
+            states.append((px, py, vx, vy))
+    else:
+        static_limit, kinetic_limit = static * GRAVITY, kinetic * GRAVITY
+        for ux, uy in acceleration.tolist():
+            px, py, vx, vy = slide_step(px, py, vx, vy, ux, uy, static_limit, kinetic_limit, dt)
+            states.append((px, py, vx, vy))
     # An array is made of numbers in half the time that it takes of tuples.
     return np.fromiter(chain.from_iterable(states), np.float64, 4 * len(states)).reshape(-1, 4)
 
 
-def slide_along(
+def check_contact(acceleration: FloatArray) -> None:
+    """Check that a pan's accelerations (..., 3) keep the object pressed on it.
+
+    Raises:
+        InputError: one of them does not; the sample is named.
+    """
+    lost = np.argwhere(~(acceleration[..., 2] > -GRAVITY))
+    if len(lost):
+        where = tuple(lost[0].tolist())
+        raise InputError(
+            f"the pan falls away from the object: it accelerates upwards by {acceleration[..., 2][where]:g} m/s^2 in "
+            f"sample {where[-1]}, which must be above -{GRAVITY:g} m/s^2"
+        )
+
+
+def slide_along_level(
     px: float,
     py: float,
     vx: float,
     vy: float,
     u: FloatArray,
-    static_limit: float,
-    kinetic_limit: float,
+    static: float,
+    kinetic: float,
+    gravity: float,
     dt: float,
     out: FloatArray,
 ) -> None:
     """Fill `out` (n, 4) with the states after each of the accelerations `u` (n, 2): `rollout`, to be compiled."""
+    static_limit, kinetic_limit = static * gravity, kinetic * gravity
     for k in range(len(u)):
         px, py, vx, vy = slide_step(px, py, vx, vy, u[k, 0], u[k, 1], static_limit, kinetic_limit, dt)
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = px, py, vx, vy
 
 
+def slide_along_lifting(
+    px: float,
+    py: float,
+    vx: float,
+    vy: float,
+    u: FloatArray,
+    static: float,
+    kinetic: float,
+    gravity: float,
+    dt: float,
+    out: FloatArray,
+) -> None:
+    """Do as `slide_along_level`, with `u` (n, 3): the pan lifts."""
+    for k in range(len(u)):
+        normal = gravity + u[k, 2]
+        px, py, vx, vy = slide_step(px, py, vx, vy, u[k, 0], u[k, 1], static * normal, kinetic * normal, dt)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = px, py, vx, vy
+
+
 _compiled: Any = None
-"""`slide_along`, compiled, once `compile_law` was called."""
+"""`slide_along_level` and `slide_along_lifting`, compiled, once `compile_law` was called."""
 
 
 def compile_law(use: bool = True) -> bool:
@@ -170,8 +221,10 @@ def compile_law(use: bool = True) -> bool:
     if compile_one is None:
         _compiled = None
         return False
-    compiled = compile_together((slide_step, slide_along), compile_one)["slide_along"]
-    compiled(0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), 1.0, 1.0, DT, np.empty((1, 4)))  # compiles
+    functions = compile_together((slide_step, slide_along_level, slide_along_lifting), compile_one)
+    compiled = functions["slide_along_level"], functions["slide_along_lifting"]
+    for columns, along in enumerate(compiled, start=2):
+        along(0.0, 0.0, 0.0, 0.0, np.zeros((1, columns)), 1.0, 1.0, GRAVITY, DT, np.empty((1, 4)))  # compiles
     _compiled = compiled
     return True
 
@@ -193,7 +246,7 @@ def slide_step_batch(
 
     Args:
         p, v, u: (2, B) object position (m), object velocity (m/s), pan acceleration (m/s^2).
-        static_limit, kinetic_limit: (B,) mu g and mu' g (m/s^2).
+        static_limit, kinetic_limit: (B,) mu n and mu' n (m/s^2).
         dt: sampling interval (s).
 
     Returns:
@@ -225,20 +278,27 @@ def rollout_batch(
 
     Args:
         states: (B, 4) object position (m) and velocity (m/s) relative to the pan before the first sample.
-        acceleration: (B, n, 2) pan acceleration (m/s^2).
+        acceleration: (B, n, 2) or, of pans that lift, (B, n, 3) pan acceleration (m/s^2).
         static, kinetic: friction coefficients, one for all or (B,).
         dt: sampling interval (s).
 
     Returns:
         (B, n, 4) object states after each sample.
+
+    Raises:
+        InputError: a pan falls away from its object.
     """
-    batch, samples, _ = acceleration.shape
-    static_limit = np.broadcast_to(np.asarray(static, dtype=np.float64) * GRAVITY, (batch,))
-    kinetic_limit = np.broadcast_to(np.asarray(kinetic, dtype=np.float64) * GRAVITY, (batch,))
+    batch, samples, columns = acceleration.shape
     inputs = np.ascontiguousarray(acceleration.transpose(1, 2, 0))
+    normal = np.broadcast_to(GRAVITY, (samples, 1))
+    if columns == 3:
+        check_contact(acceleration)
+        normal = GRAVITY + inputs[:, 2]
+    static_limits = np.broadcast_to(np.asarray(static, dtype=np.float64) * normal, (samples, batch))
+    kinetic_limits = np.broadcast_to(np.asarray(kinetic, dtype=np.float64) * normal, (samples, batch))
     p, v = states.T[:2], states.T[2:]
     out = np.empty((samples, 4, batch))
     for k in range(samples):
-        p, v = slide_step_batch(p, v, inputs[k], static_limit, kinetic_limit, dt)
+        p, v = slide_step_batch(p, v, inputs[k, :2], static_limits[k], kinetic_limits[k], dt)
         out[k, :2], out[k, 2:] = p, v
     return np.ascontiguousarray(out.transpose(2, 0, 1))

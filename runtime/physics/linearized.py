@@ -1,7 +1,8 @@
 """The law of friction, linearized: how the object's motion answers to a small change of the pan's (Eqs. 4 and 9).
 
-`linearize` is to changes what `runtime.friction.slide_step` is to states: one scalar function in plain floats, which
-training compiles for the CPU and for CUDA, and refinement where numba is installed.
+`linearize` is to changes what `runtime.physics.law.slide_step` is to states: one scalar function in plain floats, which
+training compiles for the CPU and for CUDA, and refinement where numba is installed. `lift_equivalent` adds a pan that
+lifts.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ def linearize(
     sample, what answers is the time at which it does, which the law rounds to whole samples: its derivative is zero or
     next to it, and a search that believed it would be blind to both. Here the time is not rounded: an object that
     arrives faster by w stops later by w/(u.d + mu'g), and if the pan is then strong enough to break it away at once,
-    begins the way back later by as much; one that rests breaks away when |u| comes to mu g.
+    begins the way back later by as much; one that rests breaks away when |u| comes to mu n.
 
     Args:
         vx, vy: object velocity before the sample (m/s).
         ux, uy, before_x, before_y: pan acceleration over the sample, and over the one before (m/s^2).
-        static_limit, kinetic_limit: mu g and mu' g (m/s^2).
+        static_limit, kinetic_limit: mu n and mu' n (m/s^2).
         dt: sampling interval (s).
 
     Returns:
@@ -67,3 +68,26 @@ def linearize(
         -dt * (held + earlier) * dx * dy,
         dt * (held * dx * dx - 1.0 - earlier * dy * dy),
     )
+
+
+def lift_equivalent(
+    vx: float, vy: float, ux: float, uy: float, static: float, kinetic: float
+) -> tuple[float, float]:  # fmt: skip
+    """Return the change of u that does to the object what a change of the upward acceleration w by 1 m/s^2 does.
+
+    Upwards the pan presses the object on it, and friction grows: by mu' against the velocity while it slides, which a
+    pan acceleration of mu' v/|v| would do as well; at rest by mu against the pan's acceleration, as if that were smaller
+    by mu u/|u|. So the derivative by w is `linearize`'s H times this.
+
+    Args:
+        vx, vy: object velocity before the sample (m/s).
+        ux, uy: pan acceleration in the plane over the sample (m/s^2).
+        static, kinetic: coefficients mu and mu'.
+    """
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed > 0.0:
+        return kinetic * vx / speed, kinetic * vy / speed
+    push = math.sqrt(ux * ux + uy * uy)
+    if push > 0.0:
+        return -static * ux / push, -static * uy / push
+    return 0.0, 0.0

@@ -14,16 +14,18 @@ def integrate_pan(state: FloatArray, acceleration: FloatArray, dt: float = DT) -
     """Integrate the pan, a double integrator (Eqs. 3, 7 and 8).
 
     Args:
-        state: (..., 4) pan position (m) and velocity (m/s) in the world before the first sample.
-        acceleration: (..., n, 2) pan acceleration (m/s^2).
+        state: (..., 2d) pan position (m) and velocity (m/s) in the world before the first sample; d is 2, or 3 for a
+            pan that lifts.
+        acceleration: (..., n, d) pan acceleration (m/s^2).
         dt: sampling interval (s).
 
     Returns:
-        (..., n, 4) pan states after each sample.
+        (..., n, 2d) pan states after each sample.
     """
-    out = np.empty((*acceleration.shape[:-1], 4))
-    position, velocity = out[..., :2], out[..., 2:]
-    velocity[...] = state[..., None, 2:] + np.cumsum(acceleration, axis=-2) * dt
+    axes = acceleration.shape[-1]
+    out = np.empty((*acceleration.shape[:-1], 2 * axes))
+    position, velocity = out[..., :axes], out[..., axes:]
+    velocity[...] = state[..., None, axes:] + np.cumsum(acceleration, axis=-2) * dt
     before = velocity - acceleration * dt
-    position[...] = state[..., None, :2] + np.cumsum(before * dt + acceleration * (0.5 * dt * dt), axis=-2)
+    position[...] = state[..., None, :axes] + np.cumsum(before * dt + acceleration * (0.5 * dt * dt), axis=-2)
     return out

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from runtime.command import command_velocity
-from runtime.physics.law import DT, GRAVITY
+from runtime.physics.law import DT
 from train.batches.disturbances import Disturbance, draw_disturbance
 from train.commands.controlled_slide import physics_commands
 from train.commands.families import FloatArray, free_commands
@@ -28,8 +28,8 @@ class Batch(NamedTuple):
     object_position: Tensor
     pan_position: Tensor | None
     mask: Tensor
-    static_limit: Tensor
-    kinetic_limit: Tensor
+    static: Tensor
+    kinetic: Tensor
     before: Tensor | None = None
     noise: Tensor | None = None
 
@@ -102,8 +102,8 @@ def make_batch(
         object_position=torch.from_numpy(_next(position)),
         pan_position=None if pan_position is None else torch.from_numpy(_next(pan_position)),
         mask=torch.from_numpy((after < samples[:, None]).astype(np.float64)),
-        static_limit=torch.from_numpy(static * GRAVITY),
-        kinetic_limit=torch.from_numpy(kinetic * GRAVITY),
+        static=torch.from_numpy(static),
+        kinetic=torch.from_numpy(kinetic),
     )
 
 

@@ -19,7 +19,7 @@ def disturb(model: Seq2Seq, batch: Batch, disturbance: Disturbance) -> Batch:
     before = start[:, None].expand(-1, chunk, -1)
     if lead == 0:
         return batch._replace(before=before, noise=noise)
-    before = lead_in(model, batch.command, batch.static_limit, batch.kinetic_limit, lead, before)
+    before = lead_in(model, batch.command, batch.static, batch.kinetic, lead, before)
     before[:, -1] += push
     first = lead * chunk
     origin = batch.command[:, first : first + 1, :2]
@@ -38,13 +38,11 @@ def last_acceleration(before: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def lead_in(
-    model: Seq2Seq, command: Tensor, static_limit: Tensor, kinetic_limit: Tensor, chunks: int, before: Tensor
-) -> Tensor:
+def lead_in(model: Seq2Seq, command: Tensor, static: Tensor, kinetic: Tensor, chunks: int, before: Tensor) -> Tensor:
     """Follow the first `chunks` chunks of a command, as a planner does that then reads on from there.
 
     Args:
-        model, command, static_limit, kinetic_limit, before: as for `decode`.
+        model, command, static, kinetic, before: as for `decode`.
         chunks: how far to follow.
 
     Returns:
@@ -52,7 +50,7 @@ def lead_in(
         takes as `before` for the rest of the command.
     """
     samples = chunks * model.chunk
-    moved = decode(model, command, static_limit, kinetic_limit, before=before).states
+    moved = decode(model, command, static, kinetic, before=before).states
     states = moved[:, samples - model.chunk : samples].clone()
     states[..., 4:6] -= command[:, None, samples, :2]
     return states

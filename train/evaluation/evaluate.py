@@ -104,7 +104,7 @@ def load_subject(source: Path, name: str = "") -> Subject:
         batch, samples = position.shape[:2]
         inputs = _held(position, config.chunk, friction)
         with torch.no_grad():
-            motion = decode(model, inputs.command, inputs.static_limit, inputs.kinetic_limit)
+            motion = decode(model, inputs.command, inputs.static, inputs.kinetic)
         states = np.concatenate([np.zeros((batch, 1, 8)), motion.states.numpy()], axis=1)[:, :samples]
         return Motions(motion.u.numpy()[:, :samples], states[..., 0:2], states[..., 4:6])
 

@@ -163,7 +163,7 @@ class Trainer:
         with torch.autocast(self.device.type, torch.bfloat16, enabled=config.precision == "bfloat16"):
             if drawn.disturbance is not None:
                 batch = disturb(self.model, batch, drawn.disturbance)
-            law = batch.static_limit, batch.kinetic_limit
+            law = batch.static, batch.kinetic
             motion = self.decoding(batch.command, *law, not drawn.pan_loss, batch.before, batch.noise)
         if drawn.pan_loss:
             assert batch.pan_position is not None

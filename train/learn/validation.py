@@ -37,7 +37,7 @@ def validate(model: Seq2Seq, config: TrainConfig, device: torch.device) -> dict[
         batch = make_batch(commands.position, commands.samples, None, config.static * nominal, config.kinetic * nominal)
         batch = batch.to(device)
         with torch.no_grad():
-            motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+            motion = decode(model, batch.command, batch.static, batch.kinetic)
         error, reach = tracking(motion.states, batch)
         figures |= {f"{name}_tracking": error.item(), f"{name}_reach": reach.item()}
     return figures

@@ -27,8 +27,8 @@ def at_rest(batch: int, chunk: int, device: torch.device) -> Tensor:
 def decode(
     model: Seq2Seq,
     command: Tensor,
-    static_limit: Tensor,
-    kinetic_limit: Tensor,
+    static: Tensor,
+    kinetic: Tensor,
     through_contact: bool = True,
     before: Tensor | None = None,
     noise: Tensor | None = None,
@@ -38,7 +38,7 @@ def decode(
     Args:
         model: the network.
         command: (B, K, 4) float64 command positions and velocities, K a multiple of the chunk.
-        static_limit, kinetic_limit: (B,) mu g and mu' g (m/s^2), which the network is not told.
+        static, kinetic: (B,) coefficients mu and mu', which the network is not told.
         through_contact: whether gradients pass the object's states, which is to say the law of friction; L' must
             not (Section III-B).
         before: (B, C, 8) float64 states that the first iteration sees, the last of which is the start; at rest if
@@ -59,7 +59,7 @@ def decode(
     for n in range(samples // chunk):
         output, state = decoder.step(n, seen, state)
         u = output.acceleration.double()
-        seen = rollout(start, u, static_limit, kinetic_limit)
+        seen = rollout(start, u, static, kinetic)
         start = seen[:, -1]
         moved.append(seen)
         accelerations.append(u)

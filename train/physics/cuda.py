@@ -16,19 +16,19 @@ _forward_one, _backward_one = make_rollout(cuda.jit(device=True))
 
 
 @cuda.jit
-def forward(start, u, static_limit, kinetic_limit, dt, states):  # type: ignore[no-untyped-def]
+def forward(start, u, static, kinetic, gravity, dt, states):  # type: ignore[no-untyped-def]
     """Kernel: fill `states`, trajectory by trajectory."""
     b = cuda.grid(1)
     if b < u.shape[0]:
-        _forward_one(b, start, u, static_limit, kinetic_limit, dt, states)
+        _forward_one(b, start, u, static, kinetic, gravity, dt, states)
 
 
 @cuda.jit
-def backward(start, u, static_limit, kinetic_limit, dt, states, grad_states, grad_start, grad_u):  # type: ignore[no-untyped-def]
+def backward(start, u, static, kinetic, gravity, dt, states, grad_states, grad_start, grad_u):  # type: ignore[no-untyped-def]
     """Kernel: fill `grad_start` and `grad_u`, trajectory by trajectory."""
     b = cuda.grid(1)
     if b < u.shape[0]:
-        _backward_one(b, start, u, static_limit, kinetic_limit, dt, states, grad_states, grad_start, grad_u)
+        _backward_one(b, start, u, static, kinetic, gravity, dt, states, grad_states, grad_start, grad_u)
 
 
 KERNELS = {"forward": forward, "backward": backward}
@@ -41,4 +41,4 @@ def launch(name: str, tensors: list[Tensor], dt: float) -> None:
     blocks = -(-tensors[1].shape[0] // THREADS_PER_BLOCK)
     arrays: list[Any] = [cuda.as_cuda_array(tensor.detach()) for tensor in tensors]
     stream = cuda.external_stream(torch.cuda.current_stream().cuda_stream)
-    KERNELS[name][blocks, THREADS_PER_BLOCK, stream](*arrays[:4], dt, *arrays[4:])
+    KERNELS[name][blocks, THREADS_PER_BLOCK, stream](*arrays[:5], dt, *arrays[5:])

@@ -17,18 +17,19 @@ from runtime.physics.pan import integrate_pan
 CASES = 10_000
 
 
-def reference_step(p, v, u, mu, mu_kinetic, dt):
-    """The law as DESIGN states it, in vectors, written for reading; returns the branch taken as well."""
+def reference_step(p, v, u, w, mu, mu_kinetic, dt):
+    """The law as the module states it, in vectors, written for reading; returns the branch taken as well."""
     speed = np.linalg.norm(v)
+    n = GRAVITY + w
     if speed > 0:
         branch = "slides"
-        a = -u - mu_kinetic * GRAVITY * v / speed
+        a = -u - mu_kinetic * n * v / speed
         v_next = v + a * dt
         if v_next @ v <= 0:
             branch, a, v_next = "stops", -v / dt, np.zeros(2)
-    elif np.linalg.norm(u) >= mu * GRAVITY:
+    elif np.linalg.norm(u) >= mu * n:
         branch = "breaks away"
-        a = -u + mu * GRAVITY * u / np.linalg.norm(u)
+        a = -u + mu * n * u / np.linalg.norm(u)
         v_next = a * dt
     else:
         branch, a, v_next = "sticks", np.zeros(2), np.zeros(2)
@@ -36,7 +37,7 @@ def reference_step(p, v, u, mu, mu_kinetic, dt):
 
 
 def seeded_cases():
-    """Cases of which about a quarter falls to each branch: p, v, u (CASES, 2) and the coefficients (CASES,)."""
+    """Cases of which about a quarter falls to each branch: p, v, u (CASES, 2), w and the coefficients (CASES,)."""
     rng = np.random.default_rng(1)
     p = rng.uniform(-0.2, 0.2, (CASES, 2))
     speed = np.choose(rng.integers(0, 3, CASES), [0.0, rng.uniform(0, 0.01, CASES), rng.uniform(0, 1, CASES)])
@@ -45,33 +46,85 @@ def seeded_cases():
     u = rng.normal(0, 10, (CASES, 2))
     static = rng.uniform(0.4, 1.5, CASES)
     kinetic = rng.uniform(0.2, 1.0, CASES) * static
-    return p, v, u, static, kinetic
+    w = rng.uniform(-0.8 * GRAVITY, 10, CASES)
+    return p, v, u, w, static, kinetic
 
 
-def test_scalar_and_batched_law_agree_with_the_reference_in_all_branches():
-    p, v, u, static, kinetic = seeded_cases()
-    batched_p, batched_v = slide_step_batch(p.T, v.T, u.T, static * GRAVITY, kinetic * GRAVITY, DT)
+@pytest.mark.parametrize("lifts", [False, True])
+def test_scalar_and_batched_law_agree_with_the_reference_in_all_branches(lifts):
+    p, v, u, w, static, kinetic = seeded_cases()
+    w = w if lifts else np.zeros(CASES)
+    n = GRAVITY + w
+    batched_p, batched_v = slide_step_batch(p.T, v.T, u.T, static * n, kinetic * n, DT)
+    rolled = rollout_batch(
+        np.concatenate([p, v], axis=1), np.concatenate([u, w[:, None]], axis=1)[:, None], static, kinetic
+    )
     branches = {"slides": 0, "stops": 0, "breaks away": 0, "sticks": 0}
     for i in range(CASES):
-        want_p, want_v, branch = reference_step(p[i], v[i], u[i], static[i], kinetic[i], DT)
+        want_p, want_v, branch = reference_step(p[i], v[i], u[i], w[i], static[i], kinetic[i], DT)
         branches[branch] += 1
-        limits = (static[i] * GRAVITY, kinetic[i] * GRAVITY)
-        scalar = np.array(slide_step(*p[i], *v[i], *u[i], *limits, DT))
+        scalar = np.array(slide_step(*p[i], *v[i], *u[i], static[i] * n[i], kinetic[i] * n[i], DT))
         want = np.concatenate([want_p, want_v])
+        along = rollout(np.concatenate([p[i], v[i]]), np.array([[*u[i], w[i]]]), Friction(static[i], kinetic[i]))
+        assert np.abs(rolled[i, 0] - want).max() <= 1e-12
+        assert np.abs(along[0] - want).max() <= 1e-12
         assert np.abs(scalar - want).max() <= 1e-12
         assert np.abs(np.concatenate([batched_p[:, i], batched_v[:, i]]) - want).max() <= 1e-12
     assert min(branches.values()) >= 500, branches
 
 
-def test_batched_rollout_equals_the_scalar_one_along_trajectories():
+@pytest.mark.parametrize("lifts", [False, True])
+def test_batched_rollout_equals_the_scalar_one_along_trajectories(lifts):
     rng = np.random.default_rng(2)
     u = rng.normal(0, 8, (20, 300, 2))
+    if lifts:
+        u = np.concatenate([u, rng.uniform(-0.8 * GRAVITY, 10, (20, 300, 1))], axis=2)
     start = np.concatenate([rng.uniform(-0.1, 0.1, (20, 2)), rng.normal(0, 0.3, (20, 2))], axis=1)
     static = rng.uniform(0.4, 1.5, 20)
     kinetic = static * rng.uniform(0.3, 1.0, 20)
     batched = rollout_batch(start, u, static, kinetic)
     for b in range(20):
         np.testing.assert_allclose(batched[b], rollout(start[b], u[b], Friction(static[b], kinetic[b])), atol=1e-12)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_pan_that_lifts_by_nothing_is_a_level_one_to_the_last_bit(compiled):
+    rng = np.random.default_rng(7)
+    u = np.repeat(rng.normal(0, 10, (20, 60, 2)), 10, axis=1)
+    lifting = np.concatenate([u, np.zeros((20, 600, 1))], axis=2)
+    starts = np.concatenate([rng.uniform(-0.1, 0.1, (20, 2)), rng.normal(0, 0.3, (20, 2))], axis=1)
+    if compiled:
+        pytest.importorskip("numba")
+    try:
+        assert compile_law(compiled) == compiled
+        for start, level, lifted in zip(starts, u, lifting, strict=True):
+            np.testing.assert_array_equal(rollout(start, lifted, Friction()), rollout(start, level, Friction()))
+    finally:
+        compile_law(False)
+    np.testing.assert_array_equal(rollout_batch(starts, lifting, 1.0, 0.5), rollout_batch(starts, u, 1.0, 0.5))
+    pan = integrate_pan(np.zeros((20, 6)), lifting)
+    np.testing.assert_array_equal(pan[..., [0, 1, 3, 4]], integrate_pan(np.zeros((20, 4)), u))
+    assert (pan[..., [2, 5]] == 0.0).all()
+
+
+@pytest.mark.parametrize("w", [-5.0, 5.0])
+def test_object_slides_and_breaks_away_as_it_would_under_the_gravity_that_presses_it_on_the_pan(w):
+    """The law has no other place for gravity: a pan that rises all the time is a level one where things weigh more."""
+    rng = np.random.default_rng(8)
+    u = rng.normal(0, 8, (500, 2))
+    lifted = rollout(np.zeros(4), np.column_stack([u, np.full(500, w)]), Friction(1.0, 0.5))
+    share = (GRAVITY + w) / GRAVITY
+    np.testing.assert_allclose(lifted, rollout(np.zeros(4), u, Friction(share, 0.5 * share)), atol=1e-12)
+
+
+@pytest.mark.parametrize("w", [-GRAVITY, -12.0, math.nan])
+def test_pan_that_falls_away_from_the_object_is_refused_with_its_sample(w):
+    u = np.zeros((5, 3))
+    u[3, 2] = w
+    with pytest.raises(InputError, match=f"upwards by {w:g} m/s\\^2 in sample 3, which must be above -9.8"):
+        rollout(np.zeros(4), u, Friction())
+    with pytest.raises(InputError, match="in sample 3, "):
+        rollout_batch(np.zeros((1, 4)), u[None], 1.0, 0.5)
 
 
 @pytest.mark.parametrize("kinetic", [0.2, 0.5, 0.8])
@@ -119,11 +172,13 @@ def test_object_without_friction_stays_where_it_is_in_the_world():
     np.testing.assert_allclose(states + pan, 0.0, atol=1e-12)
 
 
-def test_pan_is_the_double_integrator_of_equation_3():
+@pytest.mark.parametrize("axes", [2, 3])
+def test_pan_is_the_double_integrator_of_equation_3(axes):
     rng = np.random.default_rng(6)
-    u, state = rng.normal(0, 5, (50, 2)), rng.normal(0, 1, 4)
-    a = np.block([[np.eye(2), DT * np.eye(2)], [np.zeros((2, 2)), np.eye(2)]])
-    b = np.vstack([DT**2 / 2 * np.eye(2), DT * np.eye(2)])
+    u, state = rng.normal(0, 5, (50, axes)), rng.normal(0, 1, 2 * axes)
+    eye, none = np.eye(axes), np.zeros((axes, axes))
+    a = np.block([[eye, DT * eye], [none, eye]])
+    b = np.vstack([DT**2 / 2 * eye, DT * eye])
     states = integrate_pan(state, u)
     for k in range(50):
         state = a @ state + b @ u[k]
@@ -148,11 +203,14 @@ def test_impossible_friction_is_refused_by_name_and_value(static, kinetic, words
         Friction(static, kinetic)
 
 
-def test_compiled_law_moves_objects_as_the_plain_one_does_to_the_last_bit():
+@pytest.mark.parametrize("lifts", [False, True])
+def test_compiled_law_moves_objects_as_the_plain_one_does_to_the_last_bit(lifts):
     pytest.importorskip("numba")
     rng = np.random.default_rng(5)
     starts = np.concatenate([rng.uniform(-0.1, 0.1, (20, 2)), rng.normal(0, 0.3, (20, 2))], axis=1)
     u = np.repeat(rng.normal(0, 10, (20, 60, 2)), 10, axis=1)
+    if lifts:
+        u = np.concatenate([u, rng.uniform(-0.8 * GRAVITY, 10, (20, 600, 1))], axis=2)
     plain = [rollout(*one, Friction(1.0, 0.5)) for one in zip(starts, u, strict=True)]
     assert not np.array(plain)[:, :, 2:].any(axis=2).all()  # some rest
     try:

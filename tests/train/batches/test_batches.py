@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from runtime.physics.law import GRAVITY
 from train.batches.batches import draw
 from train.batches.mid_course import disturb
 from train.config import TrainConfig, load_config
@@ -28,7 +27,7 @@ def test_mid_course_batch_begins_where_the_network_led_it():
     assert batch.command.shape[1] == whole.command.shape[1] - 200
     assert torch.allclose(batch.command[:, 0, :2], torch.zeros_like(mark))
     assert torch.allclose(batch.object_position + mark[:, None], whole.object_position[:, 200:])
-    motion = decode(model, whole.command, whole.static_limit, whole.kinetic_limit)
+    motion = decode(model, whole.command, whole.static, whole.kinetic)
     led = motion.states[:, 100:200].detach()
     assert torch.allclose(batch.before[..., :4], led[..., :4])
     assert torch.allclose(batch.before[..., 4:6] + mark[:, None], led[..., 4:6])
@@ -54,7 +53,7 @@ def test_trajectories_in_mid_course_were_displaced_where_their_lead_in_began_and
     assert (push[:, :4] == 0.0).all()
     model = build_model(config)
     batch = disturb(model, whole, drawn.disturbance)
-    led = decode(model, whole.command, whole.static_limit, whole.kinetic_limit, before=held(start, config.chunk)).states
+    led = decode(model, whole.command, whole.static, whole.kinetic, before=held(start, config.chunk)).states
     pushed = led[:, 199, 4:].detach() + torch.from_numpy(push[:, 4:])
     pushed[:, :2] -= whole.command[:, 200, :2]
     assert torch.allclose(batch.before[:, -1, 4:], pushed)
@@ -73,12 +72,9 @@ def test_share_of_the_trajectories_that_vary_friction_has_the_nominal_one(share,
     )
     task = task_at(CURRICULA[config.curriculum], "A", config.epochs, config.epochs)
     batch = draw(config, task, np.random.default_rng(0)).batch
-    static, kinetic = batch.static_limit / GRAVITY, batch.kinetic_limit / GRAVITY
-    nominal = torch.isclose(static, torch.tensor(config.static).double()) & torch.isclose(
-        kinetic, torch.tensor(config.kinetic).double()
-    )
+    nominal = (batch.static == config.static) & (batch.kinetic == config.kinetic)
     assert least <= int(nominal.sum()) <= most
-    assert bool((kinetic <= static).all())
+    assert bool((batch.kinetic <= batch.static).all())
 
 
 def test_configuration_without_shares_disturbs_nothing():
@@ -94,7 +90,7 @@ def test_noise_is_seen_but_does_not_move_anything():
     assert batch.noise[..., [0, 1, 4, 5]].std().item() == pytest.approx(config.noise[0], rel=0.05)
     assert batch.noise[..., [2, 3, 6, 7]].std().item() == pytest.approx(config.noise[1], rel=0.05)
     model = build_model(config)
-    law = batch.static_limit, batch.kinetic_limit
+    law = batch.static, batch.kinetic
     plain, noisy = (decode(model, batch.command, *law, noise=noise) for noise in (None, batch.noise))
     assert torch.equal(plain.u[:, :100], noisy.u[:, :100])
     assert not torch.equal(plain.u[:, 100:200], noisy.u[:, 100:200])

@@ -20,7 +20,7 @@ def test_stream_of_a_network_is_its_decoding():
     command = free_commands(np.random.default_rng(0), 1, 400, {"moves": 1.0}, (0.03, 0.1), 0.7, 1).position
     batch = make_batch(command, np.array([400]), None, np.ones(1), 0.5 * np.ones(1))
     with torch.no_grad():
-        motion = decode(model, batch.command, batch.static_limit, batch.kinetic_limit)
+        motion = decode(model, batch.command, batch.static, batch.kinetic)
     states = np.concatenate([np.zeros((100, 8)), motion.states[0].numpy()])
     stream = NetworkStream(model, command[0])
     for n in range(4):
