@@ -75,9 +75,9 @@ def lift_equivalent(
 ) -> tuple[float, float]:  # fmt: skip
     """Return the change of u that does to the object what a change of the upward acceleration w by 1 m/s^2 does.
 
-    Upwards the pan presses the object on it, and friction grows: by mu' against the velocity while it slides, which a
-    pan acceleration of mu' v/|v| would do as well; at rest by mu against the pan's acceleration, as if that were smaller
-    by mu u/|u|. So the derivative by w is `linearize`'s H times this.
+    A pan that accelerates upwards presses the object on it, and friction grows. While the object slides, it grows by
+    mu' against the velocity, and a pan acceleration of mu' v/|v| would do the same. At rest it grows by mu, as if the
+    pan's acceleration were smaller by mu u/|u|. So the derivative by w is `linearize`'s H times this.
 
     Args:
         vx, vy: object velocity before the sample (m/s).
