@@ -73,7 +73,8 @@ def extra(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise MissingExtraError(f"{error.name} is not installed: {install_line(name)}") from error
+        package = str(error.name).partition(".")[0]
+        raise MissingExtraError(f"{package} is not installed: {install_line(name)}") from error
 
 
 @contextmanager

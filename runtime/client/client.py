@@ -9,17 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-import httpx
 import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime import Friction, Limits, Plan, ServerError, Start
 from runtime.client.stream import RemoteStream, said
 from runtime.documents.files import parse_json
-from runtime.errors import InputError
+from runtime.errors import InputError, extra
 from runtime.physics.law import DT
+
+if TYPE_CHECKING:
+    import httpx
 
 
 class Client:
@@ -29,9 +31,14 @@ class Client:
         url: of the server, as in http://127.0.0.1:8000.
         token: its bearer token, if it wants one.
         timeout: longest wait for an answer (s).
+
+    Raises:
+        MissingExtraError: httpx is not installed.
     """
 
     def __init__(self, url: str, token: str | None = None, timeout: float = 30.0) -> None:
+        with extra("client"):
+            import httpx
         self._url, self._token, self._timeout = url.rstrip("/"), token, timeout
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         self._http = httpx.Client(base_url=self._url, headers=headers, timeout=timeout)
@@ -116,6 +123,8 @@ class Client:
 @contextmanager
 def _answering(url: str) -> Iterator[None]:
     """Turn what goes wrong on the wire into a ServerError."""
+    import httpx
+
     try:
         yield
     except (httpx.HTTPError, httpx.InvalidURL) as error:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_step, unpack_chunk
 from runtime.documents.checks import FloatArray, fields, table
 from runtime.documents.files import parse_json
-from runtime.errors import InputError, MissingExtraError, ServerError, install_line
+from runtime.errors import InputError, ServerError, extra
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.physics.law import DT
@@ -159,11 +159,9 @@ def _chunk(document: Any) -> Chunk:
 
 def _connect(url: str, token: str | None, timeout: float, stack: ExitStack) -> Any:
     """Return a connection, which the stack closes."""
-    try:
+    with extra("client"):
         from websockets.exceptions import InvalidStatus, WebSocketException
         from websockets.sync.client import connect
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(f"{error.name} is not installed: {install_line('server')}") from error
     scheme, separator, rest = url.rstrip("/").partition("://")
     if not separator or scheme not in ("http", "https"):
         raise ServerError(f"{url}: the address of a server begins with http:// or https://")

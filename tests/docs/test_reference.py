@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import runtime
+import runtime.client
 from runtime import Plan, Planner, SlideError, Status, StreamStatus
 from server.app import create_app
 from server.settings import Settings
@@ -30,6 +31,7 @@ OTHER_VARIABLES = {"SLIDE_CHROMIUM", "SLIDE_SEQUENCES", "SLIDE_EXAMPLES"}
 
 def test_python_reference_has_every_name_of_the_package() -> None:
     assert shown("reference/api.md", r"^::: runtime\.(\w+)$") == set(runtime.__all__) - {"__version__"}
+    assert shown("reference/api.md", r"^::: runtime\.client\.(\w+)$") == set(runtime.client.__all__)
 
 
 def test_command_reference_has_every_program() -> None:
