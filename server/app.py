@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib.metadata import version
@@ -20,6 +20,7 @@ from runtime.errors import InputError
 from server.http import plans, stream
 from server.http.guard import Guard
 from server.http.openapi import describe, problems
+from server.planning.process import PLANNING_COMMAND
 from server.problems import Problem, for_input, for_status
 from server.service import Service
 from server.settings import Settings
@@ -27,13 +28,14 @@ from server.settings import Settings
 STATIC = Path(__file__).parent / "static"
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, command: Sequence[str] = PLANNING_COMMAND) -> FastAPI:
     """Make the application.
 
     Args:
         settings: what the server is told; from the environment if None.
+        command: how the planning process is run.
     """
-    service = Service(Settings() if settings is None else settings)
+    service = Service(Settings() if settings is None else settings, command)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

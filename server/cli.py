@@ -1,139 +1,19 @@
-"""`slide-serve`: reads what it is told, listens, and stops without dropping anything."""
+"""The entry point of `slide-serve`, which says in one line what to install where the server's packages are missing."""
 
 from __future__ import annotations
 
-import asyncio
-import logging
-import socket
-import time
-from pathlib import Path
-from types import FrameType
-from typing import Annotated, Any
+import sys
 
-import typer
-import uvicorn
-from fastapi import FastAPI
-from pydantic import ValidationError
-
-from runtime.cli.console import BAD_INPUT, run
-from runtime.errors import InputError
-from server.app import create_app
-from server.http.protocol import GuardedProtocol
-from server.settings import Settings
-
-log = logging.getLogger("slide-serve")
-
-BACKLOG = 1024
-"""Connections that the system lets wait until they are accepted."""
-
-KEEP_ALIVE = 75
-"""How long a connection may be idle (s): longer than the 60 s of common proxies, so that it is they who close it and
-no request meets a connection that is just being closed."""
+from runtime.cli.console import BAD_INPUT, run, say
+from runtime.errors import MissingExtraError, extra
 
 
 def serve_main() -> None:
     """Entry point of `slide-serve`."""
+    try:
+        with extra("server"):
+            from server.run import slide_serve
+    except MissingExtraError as error:
+        say("slide-serve", f"error: {error}")
+        sys.exit(BAD_INPUT)
     run("slide-serve", slide_serve)
-
-
-def slide_serve(
-    host: Annotated[str | None, typer.Option("--host", help="Address to listen on; 127.0.0.1 if not given.")] = None,
-    port: Annotated[int | None, typer.Option("--port", help="Port; 8000 if not given, 0 for any free one.")] = None,
-    model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, fp32.", metavar="DIR")
-    ] = None,
-    bundle_sha256: Annotated[
-        str | None, typer.Option("--bundle-sha256", help="sha256 its manifest must have.", metavar="HEX")
-    ] = None,
-    insecure: Annotated[
-        bool | None, typer.Option("--insecure", help="Listen beyond this machine without a token.")
-    ] = None,
-) -> None:
-    """Serve plans over HTTP. Everything else is set by variables SLIDE_*, the token among them; /info shows them."""
-    given: dict[str, Any] = {
-        "host": host,
-        "port": port,
-        "model": model,
-        "bundle_sha256": bundle_sha256,
-        "insecure": insecure,
-    }
-    try:
-        settings = Settings(**{name: value for name, value in given.items() if value is not None})
-    except ValidationError as error:
-        raise InputError(_said(error)) from None
-    logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
-    listening = _listen(settings.host, settings.port)
-    app = create_app(settings)
-    server = Server(app, settings)
-    host, port = listening.getsockname()[:2]
-    log.info("listening on http://%s:%d", f"[{host}]" if ":" in str(host) else host, port)
-    server.run(sockets=[listening])
-    if app.state.service.failure is not None:
-        raise typer.Exit(BAD_INPUT)
-
-
-class Server(uvicorn.Server):
-    """A server that finishes what it has begun when it is told to stop, and then ends with 0."""
-
-    def __init__(self, app: FastAPI, settings: Settings) -> None:
-        config = uvicorn.Config(
-            app,
-            http=GuardedProtocol,
-            ws="websockets-sansio",
-            ws_max_size=settings.max_body,
-            ws_per_message_deflate=False,
-            access_log=False,
-            log_config=None,
-            server_header=False,
-            timeout_graceful_shutdown=1,
-            timeout_keep_alive=KEEP_ALIVE,
-            backlog=BACKLOG,
-        )
-        super().__init__(config)
-        self._service = app.state.service
-        self._service.on_failure = self._give_up
-        self._draining: asyncio.Task[None] | None = None
-
-    def _give_up(self) -> None:
-        self.should_exit = True
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin to stop at the first signal; stop at once at the second."""
-        if self._service.stopping:
-            self.should_exit = self.force_exit = True
-            return
-        self._service.stopping = True
-        asyncio.get_running_loop().call_soon_threadsafe(self._drain)
-
-    def _drain(self) -> None:
-        self._draining = asyncio.ensure_future(self._finish())
-
-    async def _finish(self) -> None:
-        log.info("stopping: %d requests in flight", self._service.in_flight)
-        until = time.monotonic() + self._service.settings.drain_timeout
-        while self._service.in_flight and time.monotonic() < until:
-            await asyncio.sleep(0.01)
-        self.should_exit = True
-
-
-def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens.
-
-    Raises:
-        OSError: the port is taken, or the address is none of this machine.
-    """
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listening = socket.socket(family, kind, protocol)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind(address)
-        listening.listen(BACKLOG)
-    except OSError as error:
-        raise InputError(f"cannot listen on {host}:{port}: {error.strerror}") from error
-    return listening
-
-
-def _said(error: ValidationError) -> str:
-    first = error.errors(include_url=False, include_input=False)[0]
-    name = ".".join(map(str, first["loc"]))
-    return f"{name}: {first['msg']}" if name else first["msg"].removeprefix("Value error, ")

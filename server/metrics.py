@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
-from server.planning.messages import Made
+from server.planning.messages import PlanReply
 
 SECONDS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
@@ -36,14 +36,14 @@ class Metrics:
         self.streams = Gauge("slide_streams", "Streams open.", registry=registry)
         self.chunks = Counter("slide_stream_chunks", "Chunks given to streams.", registry=registry)
 
-    def plan(self, made: Made, samples: int) -> None:
+    def plan(self, reply: PlanReply, samples: int) -> None:
         """Count a plan, and with the first of those made together, the time that took."""
-        if made.together:
-            self.batch_size.observe(made.together)
-            self.encode_time.observe(made.encode)
-            self.decode_time.observe(made.decode)
+        if reply.together:
+            self.batch_size.observe(reply.together)
+            self.encode_time.observe(reply.encode)
+            self.decode_time.observe(reply.decode)
         self.samples.inc(samples)
-        self.plans.labels(made.status).inc()
+        self.plans.labels(reply.status).inc()
 
     def text(self) -> bytes:
         """Return the page that Prometheus reads."""

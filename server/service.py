@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from runtime import Planner, SlideError
 from server.metrics import Metrics
 from server.planning.dispatcher import Dispatcher, overloaded
-from server.planning.messages import Order
+from server.planning.messages import PlannerOptions
+from server.planning.process import PLANNING_COMMAND
 from server.problems import Problem
 from server.settings import Settings
 
@@ -20,6 +21,10 @@ log = logging.getLogger("slide-serve")
 
 class Service:
     """One server's planners and state; lives as long as the application.
+
+    Args:
+        settings: what the server was told.
+        command: how the planning process is run.
 
     Attributes:
         settings: what the server was told.
@@ -31,7 +36,7 @@ class Service:
         on_failure: called then.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, command: Sequence[str] = PLANNING_COMMAND) -> None:
         self.settings = settings
         self.metrics = Metrics()
         self.in_flight = 0
@@ -39,6 +44,7 @@ class Service:
         self.stopping = False
         self.failure: Exception | None = None
         self.on_failure: Callable[[], None] = lambda: None
+        self._command = command
         self._planner: Planner | None = None
         self._dispatcher: Dispatcher | None = None
 
@@ -48,9 +54,9 @@ class Service:
         try:
             self._planner = await asyncio.to_thread(Planner, settings.model, sha256=settings.bundle_sha256)
             bundle = self._planner.bundle
-            order = Order(settings.model, bundle.sha256, settings.max_refine_ms > 0.0)
+            options = PlannerOptions(settings.model, bundle.sha256, settings.max_refine_ms > 0.0)
             gc.freeze()  # what is loaded stays: it need not be looked through again and again
-            self._dispatcher = Dispatcher(order, bundle.manifest, settings, self.metrics)
+            self._dispatcher = Dispatcher(options, bundle.manifest, settings, self.metrics, self._command)
             await self._dispatcher.run()
         except (SlideError, OSError) as error:
             log.error("error: %s", error)

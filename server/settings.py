@@ -1,4 +1,4 @@
-"""What a server is told: from the command line or from variables `SLIDE_*`, checked when built."""
+"""What a server is told: by options of `slide-serve` or by variables `SLIDE_*`, checked when built."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ from typing import Any, Self
 from pydantic import Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+PREFIX = "SLIDE_"
+
 SECRETS = {"token"}
+"""Given by a variable only, and never shown."""
+
 PRIVATE = {"model"}
 """Kept out of `/info` besides the secrets: paths of the machine are nobody's business."""
 
 
 class Settings(BaseSettings):
-    """Settings of the server; each may be given as a variable, `SLIDE_` and the name in capitals."""
+    """Settings of the server: the one place of their names, defaults, ranges and meaning.
 
-    model_config = SettingsConfigDict(env_prefix="SLIDE_", frozen=True, extra="ignore")
+    Each may be given as a variable, `SLIDE_` and the name in capitals, and all but the secrets as an option.
+    """
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="ignore")
 
     host: str = Field("127.0.0.1", description="Address to listen on.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 for any that is free.")
@@ -37,7 +44,12 @@ class Settings(BaseSettings):
     batch_window_ms: float = Field(2.0, ge=0.0, le=100.0, description="Longest wait for company under load (ms).")
     max_wait: float = Field(0.55, gt=0.0, le=600.0, description="Longest wait of a command for its turn (s).")
     deadline: float = Field(5.0, gt=0.0, le=600.0, description="Longest time until a plan is ready (s).")
-    body_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a request (s).")
+    hang_deadlines: float = Field(
+        6.0, ge=1.0, le=1000.0, description="Deadlines that a batch may take until the planning process is replaced."
+    )
+    header_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a header (s).")
+    body_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a body (s).")
+    write_timeout: float = Field(60.0, gt=0.0, le=600.0, description="Longest time to make room for an answer (s).")
     drain_timeout: float = Field(8.0, gt=0.0, le=600.0, description="Longest time to finish when stopped (s).")
 
     max_streams: int = Field(32, ge=1, le=1024, description="Most streams open at once.")
@@ -58,6 +70,11 @@ class Settings(BaseSettings):
         """Return the settings that anybody may see."""
         shown = self.model_dump(mode="json", exclude=SECRETS | PRIVATE)
         return {**shown, "token_needed": self.token is not None}
+
+
+def variable(name: str) -> str:
+    """Return the variable that gives a setting."""
+    return f"{PREFIX}{name.upper()}"
 
 
 def loopback(host: str) -> bool:

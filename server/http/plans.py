@@ -15,7 +15,7 @@ from starlette.responses import Response, StreamingResponse
 from server.http.body import read_body
 from server.http.openapi import REFERENCE, problems
 from server.http.schemas import PlanRequest, PlansRequest, read, to_commands, to_job
-from server.planning.dispatcher import Planned, Ticket
+from server.planning.dispatcher import QueuedJob, WrittenPlan
 from server.problems import MEDIA_TYPE, Problem
 from server.service import Service
 from server.settings import Settings
@@ -51,13 +51,13 @@ async def plan(request: Request) -> Response:
     with service.admitted() as dispatcher:
         body = await read_body(request, service.settings)
         begin = time.perf_counter()
-        wanted = read(PlanRequest, body)
-        (command,) = to_commands({"command": wanted.command}, service.settings.max_samples)
-        one = to_job(wanted, command, dispatcher.manifest, service.settings)
+        asked = read(PlanRequest, body)
+        (command,) = to_commands({"command": asked.command}, service.settings.max_samples)
+        job = to_job(asked, command, dispatcher.manifest, service.settings)
         reading = time.perf_counter() - begin
-        (ticket,) = dispatcher.submit([one._replace(npz=media_type == NPZ)])
-        planned = await settled(request, ticket, service.settings)
-    return Response(planned.body, media_type=media_type, headers={"Server-Timing": timing(planned, reading)})
+        (queued,) = dispatcher.submit([job._replace(npz=media_type == NPZ)])
+        written = await result_of(queued, request, service.settings)
+    return Response(written.body, media_type=media_type, headers={"Server-Timing": timing(written, reading)})
 
 
 @router.post(
@@ -77,36 +77,35 @@ async def plans(request: Request) -> Response:
     service: Service = request.app.state.service
     accepted(request, (NDJSON,))
     with service.admitted() as dispatcher:
-        wanted = read(PlansRequest, await read_body(request, service.settings))
-        if len(wanted.commands) > service.settings.max_commands:
+        asked = read(PlansRequest, await read_body(request, service.settings))
+        if len(asked.commands) > service.settings.max_commands:
             raise Problem("invalid", f"at most {service.settings.max_commands} commands are taken", "commands")
-        places = {f"commands[{index}]": command for index, command in enumerate(wanted.commands)}
+        places = {f"commands[{index}]": command for index, command in enumerate(asked.commands)}
         found = to_commands(places, service.settings.max_samples)
-        many = [to_job(wanted, command, dispatcher.manifest, service.settings) for command in found]
-        tickets = dispatcher.submit(many)
-    return StreamingResponse(_lines(service, tickets), media_type=NDJSON)
+        queued = dispatcher.submit([to_job(asked, one, dispatcher.manifest, service.settings) for one in found])
+    return StreamingResponse(_lines(service, queued), media_type=NDJSON)
 
 
-async def _lines(service: Service, tickets: list[Ticket]) -> AsyncIterator[bytes]:
+async def _lines(service: Service, queued: list[QueuedJob]) -> AsyncIterator[bytes]:
     service.in_flight += 1
     try:
-        for ticket in tickets:
+        for one in queued:
             try:
                 async with asyncio.timeout(service.settings.deadline):
-                    planned = await ticket.ready
-                yield planned.body + b"\n"
+                    written = await one.result
+                yield written.body + b"\n"
             except TimeoutError:
                 yield orjson.dumps(Problem("deadline").to_dict()) + b"\n"
             except Problem as problem:
                 yield orjson.dumps(problem.to_dict()) + b"\n"
     finally:
         service.in_flight -= 1
-        for ticket in tickets:
-            ticket.ready.cancel()
+        for one in queued:
+            one.result.cancel()
 
 
-async def settled(request: Request, ticket: Ticket, settings: Settings) -> Planned:
-    """Wait until a command is planned, has waited too long for its turn, its deadline passes, or its client hangs up.
+async def result_of(queued: QueuedJob, request: Request, settings: Settings) -> WrittenPlan:
+    """Wait until a job is planned, has waited too long for its turn, its deadline passes, or its client hangs up.
 
     Raises:
         Problem: `overloaded`, `deadline`, or what became of the planning.
@@ -116,13 +115,13 @@ async def settled(request: Request, ticket: Ticket, settings: Settings) -> Plann
     late = Problem("deadline", f"the plan was not ready within {settings.deadline:g} s")
     turn = min(settings.max_wait, settings.deadline)
     timers = (
-        loop.call_later(turn, ticket.turn_over),
-        loop.call_later(settings.deadline, ticket.settle, late),
+        loop.call_later(turn, queued.refuse_unless_started),
+        loop.call_later(settings.deadline, queued.finish, late),
     )
-    gone = asyncio.ensure_future(_gone(request))
-    gone.add_done_callback(lambda _: ticket.ready.cancel())
+    gone = asyncio.ensure_future(_client_leaves(request))
+    gone.add_done_callback(lambda _: queued.result.cancel())
     try:
-        return await ticket.ready
+        return await queued.result
     except asyncio.CancelledError:
         if gone.done():
             raise ClientDisconnect from None
@@ -133,14 +132,14 @@ async def settled(request: Request, ticket: Ticket, settings: Settings) -> Plann
             timer.cancel()
 
 
-async def _gone(request: Request) -> None:
+async def _client_leaves(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
 
 
-def timing(planned: Planned, reading: float) -> str:
+def timing(written: WrittenPlan, reading: float) -> str:
     """Return the value of the header `Server-Timing` (ms): reading the request, waiting, planning, writing the plan."""
-    _, queue, encode, decode, write = planned
+    _, queue, encode, decode, write = written
     times = {"read": reading, "queue": queue, "encode": encode, "decode": decode, "write": write}
     return ", ".join(f"{name};dur={duration * 1e3:.2f}" for name, duration in times.items())
 

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import asyncio
 from http import HTTPStatus
+from typing import Any
 
 import orjson
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from server.problems import MEDIA_TYPE, Problem
+from server.settings import Settings
 
 MAX_HEADER = 1 << 15
 """Largest request line and header together (bytes)."""
 
-HEADER_TIMEOUT = 10.0
-"""Longest time for them to arrive, from the first byte or from the connection (s)."""
-
 LINGER = 2.0
 """How long what is left of a body is read and thrown away after the answer (s): a client that is still sending would
 not see the answer if the connection were closed before it."""
-
-WRITE_TIMEOUT = 60.0
-"""How long a client may take to make room for more of an answer (s): while it waits to be sent, it holds a place."""
 
 MAX_CONNECTIONS = 1000
 """Most connections; more than a process may commonly open files is no use."""
@@ -30,7 +26,13 @@ HEADER_TOO_LARGE = Problem("header-too-large", f"at most {MAX_HEADER} bytes are 
 
 
 class GuardedProtocol(HttpToolsProtocol):
-    """One connection; what asyncio and the parser call is named by them."""
+    """One connection; what asyncio and the parser call is named by them.
+
+    Args:
+        settings: how long a header may take to arrive, from the first byte or from the connection, and a client to make
+            room for more of an answer: while it waits to be sent, it holds a place.
+        given: what uvicorn gives to each connection.
+    """
 
     _timer: asyncio.TimerHandle | None = None
     _writing: asyncio.TimerHandle | None = None
@@ -38,13 +40,17 @@ class GuardedProtocol(HttpToolsProtocol):
     _in_head = True
     _in_body = False
 
+    def __init__(self, *, settings: Settings, **given: Any) -> None:
+        super().__init__(**given)
+        self._settings = settings
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Refuse a connection too many, and give the first header its time."""
         super().connection_made(transport)
         if len(self.connections) > MAX_CONNECTIONS:
             self._answer(Problem("overloaded", headers={"Retry-After": "1"}))
         else:
-            self._close_after(HEADER_TIMEOUT)
+            self._close_after(self._settings.header_timeout)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the timers."""
@@ -55,7 +61,7 @@ class GuardedProtocol(HttpToolsProtocol):
     def pause_writing(self) -> None:
         """Give the client its time to read."""
         super().pause_writing()
-        self._writing = self.loop.call_later(WRITE_TIMEOUT, self.transport.abort)
+        self._writing = self.loop.call_later(self._settings.write_timeout, self.transport.abort)
 
     def resume_writing(self) -> None:
         """The client has read."""
@@ -76,10 +82,10 @@ class GuardedProtocol(HttpToolsProtocol):
         """Give a header its time."""
         super().on_message_begin()
         self._in_head, self._head = True, 0
-        self._close_after(HEADER_TIMEOUT)
+        self._close_after(self._settings.header_timeout)
 
     def on_headers_complete(self) -> None:
-        """The header is there; `server.body` keeps the time of what follows."""
+        """The header is there; `server.http.body` keeps the time of what follows."""
         self._no_timer()
         self._in_head, self._in_body = False, True
         if len(self.url) + sum(len(name) + len(value) for name, value in self.headers) > MAX_HEADER:

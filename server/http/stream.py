@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -70,22 +70,29 @@ class StepRequest(Strict):
     start: StartRequest | None = None
 
 
-class Turn:
-    """What is done in one step: a step, maybe from another start and along another command."""
+class StreamInput(NamedTuple):
+    """What a client sends for one step: the states, and maybe another start and another command.
 
-    def __init__(self, step: Step, start: Start | None = None, command: Command | None = None) -> None:
-        self.step, self._start, self._command = step, start, command
+    Attributes:
+        step: the number of the step, and the states.
+        start: where to begin again from.
+        command: what to follow from now on.
+    """
 
-    def take(self, stream: Stream) -> Chunk:
-        """Take the step.
+    step: Step
+    start: Start | None = None
+    command: Command | None = None
+
+    def advance(self, stream: Stream) -> Chunk:
+        """Advance a stream by a chunk.
 
         Raises:
             InputError: a state has another shape, or the pan cannot come to rest from the start.
         """
-        if self._start is not None:
-            stream.reset(self._start)
-        if self._command is not None:
-            stream.retarget(self._command)
+        if self.start is not None:
+            stream.reset(self.start)
+        if self.command is not None:
+            stream.retarget(self.command)
         sequence, pan, sliding, age = self.step
         acceleration = stream.step(_last(pan), _last(sliding), age)
         return Chunk(sequence, acceleration, stream.brake(len(acceleration)), stream.status)
@@ -95,7 +102,7 @@ def _last(states: FloatArray | None) -> FloatArray | None:
     return states[0] if states is not None and len(states) == 1 else states
 
 
-class Pace:
+class RateLimit:
     """Counts steps against a rate (1/s), with some allowed at once."""
 
     def __init__(self, rate: float) -> None:
@@ -169,13 +176,13 @@ async def _follow(socket: WebSocket, service: Service, planner: Planner) -> None
     opened = {"format": STREAM_FORMAT, "chunk": manifest.chunk, "dt": manifest.dt, "model": model}
     await socket.send_text(orjson.dumps(opened).decode())
 
-    pace, expected = Pace(settings.stream_rate), 0
+    limit, expected = RateLimit(settings.stream_rate), 0
     while True:
-        turn = _turn(await _receive(socket, settings.stream_idle), settings.max_samples, manifest.chunk)
-        pace.check()
-        if turn.step.sequence != expected:
+        received = _read_input(await _receive(socket, settings.stream_idle), settings.max_samples, manifest.chunk)
+        limit.check()
+        if received.step.sequence != expected:
             raise Problem("invalid", f"step {expected} is expected", "sequence")
-        chunk = turn.take(following)
+        chunk = received.advance(following)
         service.metrics.chunks.inc()
         expected = (expected + 1) % (1 << 32)
         if request.packed:
@@ -202,7 +209,7 @@ async def _receive(socket: WebSocket, idle: float) -> str | bytes:
     return data if data is not None else message["bytes"]
 
 
-def _turn(message: str | bytes, most: int, chunk: int) -> Turn:
+def _read_input(message: str | bytes, most: int, chunk: int) -> StreamInput:
     """Read a step.
 
     Raises:
@@ -215,13 +222,13 @@ def _turn(message: str | bytes, most: int, chunk: int) -> Turn:
         except InputError as error:
             raise Problem("malformed", str(error)) from None
         _check_rows(chunk, pan=step.pan, object=step.object)
-        return Turn(step)
+        return StreamInput(step)
     request = read(StepRequest, message.encode("utf-8", "replace"))
     pan, sliding = (np.array(rows) if rows else None for rows in (request.pan, request.object))
     _check_rows(chunk, pan=pan, object=sliding)
     start = None if request.start is None else to_start(request.start)
     command = None if request.command is None else to_commands({"command": request.command}, most)[0]
-    return Turn(Step(request.sequence, pan, sliding, request.age), start, command)
+    return StreamInput(Step(request.sequence, pan, sliding, request.age), start, command)
 
 
 def _check_rows(chunk: int, **states: FloatArray | None) -> None:

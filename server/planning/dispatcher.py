@@ -1,8 +1,9 @@
 """Plans outside the event loop, together what can be planned together.
 
-A process of its own plans; see `server.worker`. While it does, requests gather, and what has gathered is planned next
-through the batch axis: a lone request never waits, and under load the batches grow by themselves. Clients that were
-answered together come back together, a moment apart; so after a batch of several the next one waits for the window.
+A process of its own plans; see `server.planning.worker`. While it does, requests gather, and what has gathered is
+planned next through the batch axis: a lone request never waits, and under load the batches grow by themselves. Clients
+that were answered together come back together, a moment apart; so after a batch of several the next one waits for the
+window.
 
 A process that ends, or is at one batch for too long, is replaced. What it was planning then has failed, and what waits
 is sent away: a new one takes seconds to be ready.
@@ -23,21 +24,15 @@ from typing import NamedTuple
 from runtime.network.manifest import Manifest
 from runtime.network.reader import chunk_count
 from server.metrics import Metrics
-from server.planning.messages import Failed, Made, Order, PlanJob
-from server.planning.process import Process
+from server.planning.messages import PlanFailure, PlanJob, PlannerOptions, PlanReply
+from server.planning.process import PLANNING_COMMAND, PlanningProcess
 from server.problems import Problem, for_input
 from server.settings import Settings
 
 log = logging.getLogger("slide-serve")
 
-HANGING = 6.0
-"""Deadlines after which a batch will not be finished any more, and the process is replaced."""
 
-WATCH = 0.25
-"""How often it is looked, while nothing is planned, whether the process is there (s)."""
-
-
-class Planned(NamedTuple):
+class WrittenPlan(NamedTuple):
     """A plan as it is sent, and the time it took (s): waiting, in the encoder, in the rest of the planning, written."""
 
     body: bytes
@@ -48,71 +43,79 @@ class Planned(NamedTuple):
 
 
 @dataclass(eq=False)
-class Ticket:
-    """A command that waits to be planned.
+class QueuedJob:
+    """A job that waits to be planned, or is being planned.
 
     Attributes:
-        asked: what is to be planned.
+        job: what is to be planned.
         chunks: chunks the command fills; equally many can be planned together.
-        ready: what comes of it.
+        result: what comes of it.
         entered: when it began to wait (s, of the monotonic clock).
         started: whether the process has it.
     """
 
-    asked: PlanJob
+    job: PlanJob
     chunks: int
-    ready: asyncio.Future[Planned]
+    result: asyncio.Future[WrittenPlan]
     entered: float = field(default_factory=time.perf_counter)
     started: bool = False
 
-    def fits(self, other: Ticket) -> bool:
+    def fits(self, other: QueuedJob) -> bool:
         """Whether both can be planned in one batch."""
-        mine, its = self.asked, other.asked
+        mine, its = self.job, other.job
         together = mine.refine_ms is None and its.refine_ms is None and mine.tolerance == its.tolerance
         return together and self.chunks == other.chunks
 
-    def settle(self, result: Planned | Problem) -> None:
-        """Say what came of it, unless that is known, or nobody waits for it any more."""
-        if self.ready.done():
+    def finish(self, result: WrittenPlan | Problem) -> None:
+        """Give the result, unless there is one, or nobody waits for it any more."""
+        if self.result.done():
             return
         if isinstance(result, Problem):
-            self.ready.set_exception(result)
-            self.ready.exception()  # is seen: a client that has left does not come for it
+            self.result.set_exception(result)
+            self.result.exception()  # is seen: a client that has left does not come for it
         else:
-            self.ready.set_result(result)
+            self.result.set_result(result)
 
-    def turn_over(self) -> None:
-        """Send it away if its turn has not come."""
+    def refuse_unless_started(self) -> None:
+        """Send the job away if its turn has not come."""
         if not self.started:
-            self.settle(overloaded())
+            self.finish(overloaded())
 
 
 class Dispatcher:
-    """Takes commands, gives them to a planning process batch by batch, and hands the plans back.
+    """Queues jobs, gives them to a planning process batch by batch, and hands the plans back.
 
     Args:
-        order: what the process plans with.
+        options: what the process plans with.
         manifest: of the bundle.
         settings: bounds of the queue and of a batch.
         metrics: what is counted.
+        command: how the process is run.
 
     Attributes:
         manifest: of the bundle.
         process: the number of the planning process; None while there is none that is ready.
     """
 
-    def __init__(self, order: Order, manifest: Manifest, settings: Settings, metrics: Metrics) -> None:
+    def __init__(
+        self,
+        options: PlannerOptions,
+        manifest: Manifest,
+        settings: Settings,
+        metrics: Metrics,
+        command: Sequence[str] = PLANNING_COMMAND,
+    ) -> None:
         self.manifest = manifest
         self.process: int | None = None
-        self._order, self._settings, self._metrics = order, settings, metrics
-        self._waiting: deque[Ticket] = deque()
+        self._options, self._settings, self._metrics, self._command = options, settings, metrics, command
+        self._queue: deque[QueuedJob] = deque()
         self._arrived = asyncio.Event()
         self._busy_since: float | None = None
 
     @property
     def full(self) -> bool:
-        """Whether no command more is taken."""
-        return len(self._waiting) >= self._settings.max_queue
+        """Whether no job more is taken."""
+        return len(self._queue) >= self._settings.max_queue
 
     @property
     def busy(self) -> float:
@@ -120,20 +123,20 @@ class Dispatcher:
         since = self._busy_since
         return 0.0 if since is None else time.perf_counter() - since
 
-    def submit(self, many: Sequence[PlanJob]) -> list[Ticket]:
-        """Let commands wait to be planned; a ticket that is cancelled is passed over.
+    def submit(self, jobs: Sequence[PlanJob]) -> list[QueuedJob]:
+        """Queue jobs; one whose result is cancelled is passed over.
 
         Raises:
             Problem: `overloaded`: there is no room for all of them.
         """
-        if len(self._waiting) + len(many) > self._settings.max_queue:
+        if len(self._queue) + len(jobs) > self._settings.max_queue:
             raise overloaded()
         loop = asyncio.get_running_loop()
-        tickets = [Ticket(one, chunk_count(one.command, self.manifest), loop.create_future()) for one in many]
-        for ticket in tickets:
-            ticket.ready.add_done_callback(partial(self._leave, ticket))
-        self._wait(*self._waiting, *tickets)
-        return tickets
+        queued = [QueuedJob(job, chunk_count(job.command, self.manifest), loop.create_future()) for job in jobs]
+        for one in queued:
+            one.result.add_done_callback(partial(self._leave_queue, one))
+        self._set_queue(*self._queue, *queued)
+        return queued
 
     async def run(self) -> None:
         """Plan, until cancelled, with one process after another.
@@ -142,25 +145,25 @@ class Dispatcher:
             BundleError: a process is not ready to plan.
         """
         while True:
-            process = await Process.start(self._order)
+            process = await PlanningProcess.start(self._options, self._command)
+            hung = False
             try:
                 self.process = process.number
                 log.info("ready: model %s, planned with in process %d", self.manifest.name, process.number)
-                await self._work(process)
+                await process.work(self._plan_batches(process))
             except EOFError:
-                said = "has ended"
+                pass
             except TimeoutError:
-                said = "hung"
-                process.kill()
+                hung = True
             finally:
                 self.process = self._busy_since = None
-                code = await process.end()
-            log.error("the planning process %s (%d): a new one is started", said, code)
-            for ticket in self._waiting:
-                ticket.settle(Problem("not-ready", headers={"Retry-After": "1"}))
-            self._wait()
+                code = await (process.stop(0.0) if hung else process.stop())
+            log.error("the planning process %s (%d): a new one is started", "hung" if hung else "has ended", code)
+            for one in self._queue:
+                one.finish(Problem("not-ready", headers={"Retry-After": "1"}))
+            self._set_queue()
 
-    async def _work(self, process: Process) -> None:
+    async def _plan_batches(self, process: PlanningProcess) -> None:
         """Plan with one process.
 
         Raises:
@@ -169,68 +172,61 @@ class Dispatcher:
         """
         last = 1
         while True:
-            batch = await self._take(process, last)
+            batch = await self._next_batch(last)
             last = len(batch)
             try:
-                async with asyncio.timeout(HANGING * self._settings.deadline):
+                async with asyncio.timeout(self._settings.hang_deadlines * self._settings.deadline):
                     await self._plan(process, batch)
             finally:
-                for ticket in batch:
-                    ticket.settle(Problem("failed", "the planning process ended"))
+                for one in batch:
+                    one.finish(Problem("failed", "the planning process ended"))
 
-    async def _take(self, process: Process, last: int) -> list[Ticket]:
-        """Wait for commands and return the oldest with all that fit it.
-
-        Raises:
-            EOFError: the process has ended.
-        """
-        while not self._waiting:
+    async def _next_batch(self, last: int) -> list[QueuedJob]:
+        """Wait for jobs and return the oldest with all that fit it; `last` were in the batch before."""
+        while not self._queue:
             self._arrived.clear()
-            with suppress(TimeoutError):
-                async with asyncio.timeout(WATCH):
-                    await self._arrived.wait()
-            process.check()
-        if last > 1 and len(self._waiting) < last:
+            await self._arrived.wait()
+        if last > 1 and len(self._queue) < last:
             await asyncio.sleep(self._settings.batch_window_ms * 1e-3)
-        batch: list[Ticket] = []
-        waiting = [ticket for ticket in self._waiting if not ticket.ready.done()]
-        for ticket in waiting:
-            if not batch or (ticket.fits(batch[0]) and len(batch) < self._settings.max_batch):
-                ticket.started = True
-                batch.append(ticket)
-        self._wait(*(ticket for ticket in waiting if not ticket.started))
-        return batch or await self._take(process, 1)  # all were cancelled in the window
+        batch: list[QueuedJob] = []
+        waiting = [one for one in self._queue if not one.result.done()]
+        for one in waiting:
+            if not batch or (one.fits(batch[0]) and len(batch) < self._settings.max_batch):
+                one.started = True
+                batch.append(one)
+        self._set_queue(*(one for one in waiting if not one.started))
+        return batch or await self._next_batch(1)  # all were cancelled in the window
 
-    async def _plan(self, process: Process, batch: list[Ticket]) -> None:
+    async def _plan(self, process: PlanningProcess, batch: list[QueuedJob]) -> None:
         begin = self._busy_since = time.perf_counter()
-        process.send([ticket.asked for ticket in batch])
+        process.send([one.job for one in batch])
         for _ in batch:
-            answer: Made | Failed
-            answer, body = await process.receive()
-            ticket = batch[answer.number]
-            queue = begin - ticket.entered
-            self._metrics.queue_time.observe(queue)
-            if isinstance(answer, Made):
-                self._metrics.plan(answer, len(ticket.asked.command))
-                ticket.settle(Planned(body, queue, answer.encode, answer.decode, answer.write))
-            elif answer.error is not None:
-                ticket.settle(for_input(answer.error))
+            reply: PlanReply | PlanFailure
+            reply, body = await process.receive()
+            one = batch[reply.number]
+            waited = begin - one.entered
+            self._metrics.queue_time.observe(waited)
+            if isinstance(reply, PlanReply):
+                self._metrics.plan(reply, len(one.job.command))
+                one.finish(WrittenPlan(body, waited, reply.encode, reply.decode, reply.write))
+            elif reply.error is not None:
+                one.finish(for_input(reply.error))
             else:
-                ticket.settle(Problem("failed", "the plan could not be made"))
+                one.finish(Problem("failed", "the plan could not be made"))
         self._busy_since = None
 
-    def _wait(self, *tickets: Ticket) -> None:
-        """Let these tickets wait, and no others."""
-        self._waiting = deque(tickets)
-        self._metrics.queue_depth.set(len(tickets))
+    def _set_queue(self, *jobs: QueuedJob) -> None:
+        """Let these jobs wait, and no others."""
+        self._queue = deque(jobs)
+        self._metrics.queue_depth.set(len(jobs))
         self._arrived.set()
 
-    def _leave(self, ticket: Ticket, _: asyncio.Future[Planned]) -> None:
-        """Give up the place of a ticket that was cancelled before its turn."""
-        if not ticket.started:
+    def _leave_queue(self, one: QueuedJob, _: asyncio.Future[WrittenPlan]) -> None:
+        """Give up the place of a job that was cancelled before its turn."""
+        if not one.started:
             with suppress(ValueError):
-                self._waiting.remove(ticket)
-                self._metrics.queue_depth.set(len(self._waiting))
+                self._queue.remove(one)
+                self._metrics.queue_depth.set(len(self._queue))
 
 
 def overloaded() -> Problem:

@@ -1,4 +1,8 @@
-"""What the server and its planning process say to each other."""
+"""What the server and its planning process say to each other, and how it travels.
+
+A message is pickled, which is safe between two programs that are one. Before it goes its length, and the length of the
+bytes that follow it: a plan travels beside its message, for to pickle it would copy it three times more.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +14,14 @@ from typing import NamedTuple
 from runtime import Command, Friction, InputError, Limits, Start
 
 LENGTHS = struct.Struct("<QQ")
+"""Lengths (bytes) of a message and of what follows it."""
 
 BUFFER = 1 << 20
 """Bytes that may wait between the processes, as far as the system allows: about three plans."""
 
 
-class Order(NamedTuple):
-    """What the process plans with.
+class PlannerOptions(NamedTuple):
+    """What the process plans with; its first message.
 
     Attributes:
         model: the bundle's folder; the shipped one if None.
@@ -30,7 +35,14 @@ class Order(NamedTuple):
 
 
 class PlanJob(NamedTuple):
-    """What is to be planned, in the runtime's terms; written as npz or as JSON."""
+    """One command to be planned, in the runtime's terms; a list of them is one batch.
+
+    Attributes:
+        command, friction, limits, start: as for `Planner.plan`.
+        refine_ms: time to spend on making the plan better (ms).
+        tolerance: tracking RMSE to hold the plan against (m).
+        npz: whether the plan is written as npz; as JSON otherwise.
+    """
 
     command: Command
     friction: Friction
@@ -41,11 +53,11 @@ class PlanJob(NamedTuple):
     npz: bool = False
 
 
-class Made(NamedTuple):
-    """What there is to say of a plan, which comes after it.
+class PlanReply(NamedTuple):
+    """About a plan, which follows.
 
     Attributes:
-        number: of what was asked, in its batch, from 0.
+        number: of the job in its batch, from 0.
         status: of the plan.
         together: plans made together, said with the first of them; 0 with the others.
         encode, decode: time in the encoder, and in all the rest of the planning, of all made together (s).
@@ -60,14 +72,19 @@ class Made(NamedTuple):
     write: float
 
 
-class Failed(NamedTuple):
-    """A plan that could not be made, and the error if what was asked for is to blame."""
+class PlanFailure(NamedTuple):
+    """About a plan that could not be made.
+
+    Attributes:
+        number: of the job in its batch, from 0.
+        error: what is wrong with the job; None if it is not to blame.
+    """
 
     number: int
     error: InputError | None
 
 
-def packed(message: object, follows: int = 0) -> bytes:
-    """Return a message as it is sent, with the lengths before it; so many bytes will follow it."""
+def frame(message: object, follows: int = 0) -> bytes:
+    """Return a message as it travels, with the lengths before it; so many bytes will follow it."""
     data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
     return LENGTHS.pack(len(data), follows) + data

@@ -1,9 +1,8 @@
 """The planning process: it plans, judges and writes, so that the server's event loop has only bytes to move.
 
-The server starts it with one end of a socket and sends an Order; the answer is what is wrong, or nothing, "". From
-then on each list of PlanJob is one batch, answered by a Made or a Failed for each of it, as soon as it is written. The
-process ends when the socket does. Messages are pickled, which is safe between two programs that are one. The plan
-itself comes after its message as it is: to pickle it would copy it three times more. The lengths of both go before.
+The server starts it with one end of a socket and sends PlannerOptions; the answer is what is wrong, or nothing, "".
+From then on each list of PlanJob is one batch, answered by a PlanReply and the plan, or a PlanFailure, for each of it,
+as soon as it is written. The process ends when the socket does.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +25,7 @@ import orjson
 from runtime import BundleError, InputError, Plan, Planner, SlideError, Status
 from runtime.network.bundle import Bundle, DecoderState, Float32Array
 from runtime.physics.law import compile_law
-from server.planning.messages import LENGTHS, Failed, Made, Order, PlanJob, packed
+from server.planning.messages import LENGTHS, PlanFailure, PlanJob, PlannerOptions, PlanReply, frame
 
 log = logging.getLogger("slide-serve")
 
@@ -53,57 +53,62 @@ class TimedBundle(Bundle):
 
 
 class Worker:
-    """The process's side of the socket."""
+    """The process's side of the socket.
 
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection, self._reader = connection, connection.makefile("rb")
+    Args:
+        connection: its end.
+        load: gives the planner, with a TimedBundle, or says in a SlideError why there is none.
+    """
+
+    def __init__(self, connection: socket.socket, load: Callable[[PlannerOptions], Planner]) -> None:
+        self._connection, self._reader, self._load = connection, connection.makefile("rb"), load
 
     def run(self) -> None:
         """Plan until the server hangs up."""
         try:
-            planner = prepared_planner(self._receive())
+            planner = self._load(self._receive())
         except SlideError as error:
             self._send(str(error))
             return
-        self._bundle = planner.bundle = TimedBundle(**vars(planner.bundle))
-        self._planner = planner
+        assert isinstance(planner.bundle, TimedBundle)
+        self._planner, self._bundle = planner, planner.bundle
         gc.freeze()  # what is loaded stays: it need not be looked through again and again
         self._send("")
         while True:
-            many = self._receive()
-            self._plan(many, range(len(many)))
+            batch = self._receive()
+            self._plan(batch, range(len(batch)))
 
-    def _plan(self, many: list[PlanJob], indices: range) -> None:
+    def _plan(self, batch: list[PlanJob], indices: range) -> None:
         """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
         begin, self._bundle.spent[0] = time.perf_counter(), 0.0
         try:
-            plans = self._plans([many[index] for index in indices])
+            plans = self._plans([batch[index] for index in indices])
         except Exception as error:
             if len(indices) > 1:
                 for index in indices:
-                    self._plan(many, range(index, index + 1))
+                    self._plan(batch, range(index, index + 1))
                 return
             if not isinstance(error, InputError):
                 log.exception("planning failed")
-            self._send(Failed(indices[0], error if isinstance(error, InputError) else None))
+            self._send(PlanFailure(indices[0], error if isinstance(error, InputError) else None))
             return
         encode, together = self._bundle.spent[0], len(indices)
         decode = time.perf_counter() - begin - encode
         for index, plan in zip(indices, plans, strict=True):
             begin = time.perf_counter()
-            body = plan.to_npz() if many[index].npz else as_json(plan)
+            body = plan.to_npz() if batch[index].npz else as_json(plan)
             write = time.perf_counter() - begin
-            self._send(Made(index, plan.quality.status.value, together, encode, decode, write), body)
+            self._send(PlanReply(index, plan.quality.status.value, together, encode, decode, write), body)
             together = 0
 
-    def _plans(self, many: list[PlanJob]) -> list[Plan]:
-        if len(many) == 1:
-            command, friction, limits, start, refine_ms, tolerance, _ = many[0]
+    def _plans(self, jobs: list[PlanJob]) -> list[Plan]:
+        if len(jobs) == 1:
+            command, friction, limits, start, refine_ms, tolerance, _ = jobs[0]
             plan = self._planner.plan(
                 command, friction, limits=limits, start=start, refine_ms=refine_ms, tolerance=tolerance
             )
             return [plan]
-        commands, frictions, limits_of, starts, _, tolerances, _ = zip(*many, strict=True)
+        commands, frictions, limits_of, starts, _, tolerances, _ = zip(*jobs, strict=True)
         return self._planner.plan_batch(commands, frictions, limits=limits_of, start=starts, tolerance=tolerances[0])
 
     def _receive(self) -> Any:
@@ -118,7 +123,7 @@ class Worker:
         return pickle.loads(self._reader.read(LENGTHS.unpack(head)[0]))
 
     def _send(self, message: object, plan: bytes = b"") -> None:
-        self._connection.sendall(packed(message, len(plan)))
+        self._connection.sendall(frame(message, len(plan)))
         self._connection.sendall(plan)
 
 
@@ -127,14 +132,15 @@ def as_json(plan: Plan) -> bytes:
     return orjson.dumps(plan.document(), option=orjson.OPT_SERIALIZE_NUMPY)
 
 
-def prepared_planner(order: Order) -> Planner:
+def load_planner(options: PlannerOptions) -> Planner:
     """Load the bundle, whose hashes are checked, and make the golden plan: alone, in a batch, and replayed.
 
     Raises:
         BundleError: the bundle cannot be trusted, or the plans do not agree.
     """
-    planner = Planner(order.model, sha256=order.sha256)
-    if order.compile:
+    planner = Planner(options.model, sha256=options.sha256)
+    planner.bundle = TimedBundle(**vars(planner.bundle))
+    if options.compile:
         compile_law()
     s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
     position = GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
@@ -148,15 +154,15 @@ def prepared_planner(order: Order) -> Planner:
         raise BundleError(f"the golden plan differs from itself by {largest:.3g} m, more than {AGREEMENT:g} m")
     if plan.quality.status is Status.LIMIT_EXCEEDED:
         raise BundleError(f"the golden plan does not keep its limits: {'; '.join(plan.quality.notes)}")
-    if order.compile:
+    if options.compile:
         planner.plan(position, refine_iterations=1)  # compiles too, which takes longer than any deadline
     return planner
 
 
-def main() -> None:
-    """Run the process; the argument is the number of its end of the socket, which it inherits."""
+def main(load: Callable[[PlannerOptions], Planner] = load_planner) -> None:
+    """Run the process; its last argument is the number of its end of the socket, which it inherits."""
     for stop in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a terminal or a service: the server stops
         signal.signal(stop, signal.SIG_IGN)
     logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
-    with socket.socket(fileno=int(sys.argv[1])) as connection, suppress(EOFError, ConnectionError):
-        Worker(connection).run()
+    with socket.socket(fileno=int(sys.argv[-1])) as connection, suppress(EOFError, ConnectionError):
+        Worker(connection, load).run()

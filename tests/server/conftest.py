@@ -5,7 +5,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
@@ -15,7 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from server.app import create_app
-from server.cli import Server
+from server.planning.process import PLANNING_COMMAND
+from server.run import Server
 from server.service import Service
 from server.settings import Settings
 
@@ -58,10 +59,11 @@ def received(connection: socket.socket) -> bytes:
 
 
 @contextmanager
-def running(**settings: Any) -> Iterator[Running]:
-    """Run a server with these settings until the block is left."""
+def running(command: Sequence[str] = PLANNING_COMMAND, **settings: Any) -> Iterator[Running]:
+    """Run a server with these settings until the block is left; it plans by this command."""
     listening = socket.create_server(("127.0.0.1", 0))
-    app = create_app(Settings(**{"port": 0, "max_refine_ms": 0.0, **settings}))  # a process that refines compiles first
+    given = {"port": 0, "max_refine_ms": 0.0, **settings}  # a process that refines compiles first
+    app = create_app(Settings(**given), command)
     server = Server(app, app.state.service.settings)
     thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])), daemon=True)
     thread.start()

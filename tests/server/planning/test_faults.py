@@ -152,9 +152,8 @@ def test_200_slow_sockets_keep_nobody_out(server: Any, make_request: Callable[..
             connection.close()
 
 
-def test_slow_header_and_slow_body_are_given_up(run_server: Callable[..., Any], monkeypatch: Any) -> None:
-    monkeypatch.setattr("server.http.protocol.HEADER_TIMEOUT", 0.3)
-    with run_server(body_timeout=0.3) as server:
+def test_slow_header_and_slow_body_are_given_up(run_server: Callable[..., Any]) -> None:
+    with run_server(header_timeout=0.3, body_timeout=0.3) as server:
         assert server.raw(b"GET / HT") == b""
         assert server.raw(b"") == b""
         head = b"POST /plan HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: 90\r\n\r\n{"
@@ -173,11 +172,10 @@ def stopped(server: Any) -> Iterator[None]:
 
 
 def test_client_that_does_not_read_its_answer_is_given_up(
-    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
-    monkeypatch.setattr("server.http.protocol.WRITE_TIMEOUT", 0.3)
     commands = [make_request(600)["command"]] * 32
-    with run_server() as server, socket.socket() as connection:
+    with run_server(write_timeout=0.3) as server, socket.socket() as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         connection.connect(("127.0.0.1", server.port))
         connection.sendall(post_plan({"commands": commands}, "/plans"))
@@ -207,10 +205,9 @@ def test_decoder_that_hangs_times_out_and_the_worker_lives_on(
 
 
 def test_planning_process_that_hangs_for_good_is_replaced(
-    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
-    monkeypatch.setattr("server.planning.dispatcher.HANGING", 2.0)
-    with run_server(deadline=0.5) as server:
+    with run_server(deadline=0.5, hang_deadlines=2.0) as server:
         process = server.service.dispatcher.process
         os.kill(process, signal.SIGSTOP)
         assert server.post("/plan", json=make_request()).status_code == 504
@@ -259,33 +256,29 @@ def test_planning_process_killed_while_nothing_is_planned_is_replaced(
 
 
 FAILING = """
-from runtime.network.bundle import Bundle
-from server.planning import worker
+from server.planning.worker import TimedBundle, load_planner, main
 
-load, decode_step = worker.prepared_planner, Bundle.decode_step
+class FailingBundle(TimedBundle):
+    def decode_step(self, observation, memory):
+        if (observation[:, 1] == 0.0625).any():
+            raise RuntimeError("[ONNXRuntimeError] : 1 : FAIL : /secret/path")
+        return super().decode_step(observation, memory)
 
-def failing(self, observation, memory):
-    if (observation[:, 1] == 0.0625).any():
-        raise RuntimeError("[ONNXRuntimeError] : 1 : FAIL : /secret/path")
-    return decode_step(self, observation, memory)
-
-def prepared(order):
-    planner = load(order)
-    Bundle.decode_step = failing
+def load(options):
+    planner = load_planner(options)
+    planner.bundle = FailingBundle(**vars(planner.bundle))
     return planner
 
-worker.prepared_planner = prepared
-worker.main()
+main(load)
 """
 """A planning process whose decoder fails where a pan begins at y = 0.0625 m."""
 
 
 def test_onnxruntime_exception_is_a_500_and_the_next_plan_is_made(
-    run_server: Callable[..., Any], make_request: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
-    monkeypatch.setattr("server.planning.process.COMMAND", [sys.executable, "-c", FAILING])
-    failing = make_request(start={"pan_position": [0.0, 0.0625]})
-    with run_server(max_wait=60.0, deadline=60.0) as server, ThreadPoolExecutor(8) as threads:
+    failing, command = make_request(start={"pan_position": [0.0, 0.0625]}), [sys.executable, "-P", "-c", FAILING]
+    with run_server(command, max_wait=60.0, deadline=60.0) as server, ThreadPoolExecutor(8) as threads:
         process = server.service.dispatcher.process
         with stopped(server):  # so that they are planned together
             requests = [make_request(), *([failing, make_request()] * 3)]

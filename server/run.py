@@ -1,0 +1,142 @@
+"""`slide-serve`: reads what it is told, listens, and stops without dropping anything."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import logging
+import socket
+import time
+from functools import partial
+from types import FrameType
+from typing import Annotated, Any, cast
+
+import typer
+import uvicorn
+from fastapi import FastAPI
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from runtime.cli.console import BAD_INPUT
+from runtime.errors import InputError
+from server.app import create_app
+from server.http.protocol import GuardedProtocol
+from server.settings import SECRETS, Settings, variable
+
+log = logging.getLogger("slide-serve")
+
+BACKLOG = 1024
+"""Connections that the system lets wait until they are accepted."""
+
+KEEP_ALIVE = 75
+"""How long a connection may be idle (s): longer than the 60 s of common proxies, so that it is they who close it and
+no request meets a connection that is just being closed."""
+
+
+def slide_serve(**given: Any) -> None:
+    """Serve plans over HTTP.
+
+    Each option is a variable of the environment too, and goes before it. The bearer token is a variable only,
+    SLIDE_TOKEN: everyone on the machine can read a command line.
+    """
+    try:
+        settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        raise InputError(_first_of(error)) from None
+    logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
+    listening = _listen(settings.host, settings.port)
+    app = create_app(settings)
+    server = Server(app, settings)
+    host, port = listening.getsockname()[:2]
+    log.info("listening on http://%s:%d", f"[{host}]" if ":" in str(host) else host, port)
+    server.run(sockets=[listening])
+    if app.state.service.failure is not None:
+        raise typer.Exit(BAD_INPUT)
+
+
+def _option(name: str, field: FieldInfo) -> inspect.Parameter:
+    """Return the option of a setting."""
+    default = (
+        "" if field.default is None or field.default is False else f"; default: {field.default}".removesuffix(".0")
+    )
+    help_text = f"{field.description} [{variable(name)}{default}]"
+    option = typer.Option(f"--{name.replace('_', '-')}", help=help_text)
+    hint: Any = field.annotation
+    hint = Annotated[hint | None, option]
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint)
+
+
+OPTIONS = [_option(name, field) for name, field in Settings.model_fields.items() if name not in SECRETS]
+slide_serve.__signature__ = inspect.Signature(OPTIONS)  # type: ignore[attr-defined]
+slide_serve.__annotations__ = {option.name: option.annotation for option in OPTIONS}
+
+
+class Server(uvicorn.Server):
+    """A server that finishes what it has begun when it is told to stop, and then ends with 0."""
+
+    def __init__(self, app: FastAPI, settings: Settings) -> None:
+        config = uvicorn.Config(
+            app,
+            http=cast(type[asyncio.Protocol], partial(GuardedProtocol, settings=settings)),
+            ws="websockets-sansio",
+            ws_max_size=settings.max_body,
+            ws_per_message_deflate=False,
+            access_log=False,
+            log_config=None,
+            server_header=False,
+            timeout_graceful_shutdown=1,
+            timeout_keep_alive=KEEP_ALIVE,
+            backlog=BACKLOG,
+        )
+        super().__init__(config)
+        self._service = app.state.service
+        self._service.on_failure = self._give_up
+        self._draining: asyncio.Task[None] | None = None
+
+    def _give_up(self) -> None:
+        self.should_exit = True
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to stop at the first signal; stop at once at the second."""
+        if self._service.stopping:
+            self.should_exit = self.force_exit = True
+            return
+        self._service.stopping = True
+        asyncio.get_running_loop().call_soon_threadsafe(self._drain)
+
+    def _drain(self) -> None:
+        self._draining = asyncio.ensure_future(self._finish())
+
+    async def _finish(self) -> None:
+        log.info("stopping: %d requests in flight", self._service.in_flight)
+        until = time.monotonic() + self._service.settings.drain_timeout
+        while self._service.in_flight and time.monotonic() < until:
+            await asyncio.sleep(0.01)
+        self.should_exit = True
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens.
+
+    Raises:
+        OSError: the port is taken, or the address is none of this machine.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.socket(family, kind, protocol)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+        listening.listen(BACKLOG)
+    except OSError as error:
+        raise InputError(f"cannot listen on {host}:{port}: {error.strerror}") from error
+    return listening
+
+
+def _first_of(error: ValidationError) -> str:
+    """Return what is wrong with the first setting that is not usable, and its value unless that is secret."""
+    first = error.errors(include_url=False)[0]
+    name = ".".join(map(str, first["loc"]))
+    if not name:
+        return first["msg"].removeprefix("Value error, ")
+    value = "" if name in SECRETS else f", got {first['input']!r}"
+    return f"{name}: {first['msg']}{value}"
