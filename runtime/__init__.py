@@ -22,6 +22,7 @@ from runtime.physics.law import compile_law
 from runtime.plan import Plan
 from runtime.planner import Planner
 from runtime.quality import Quality, Status
+from runtime.sizes import Sizes
 from runtime.start import Start
 from runtime.stream import Stream, StreamStatus
 from runtime.version import __version__
@@ -40,6 +41,7 @@ __all__ = [
     "Planner",
     "Quality",
     "ServerError",
+    "Sizes",
     "SlideError",
     "Start",
     "Status",

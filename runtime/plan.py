@@ -23,11 +23,17 @@ from runtime.errors import InputError, OutputError
 from runtime.friction import Friction
 from runtime.physics.law import DT, rollout
 from runtime.physics.motion import Motion, tracking_error
-from runtime.quality import Quality, Status, assess
+from runtime.quality import Quality, Status
+from runtime.sizes import Sizes
 
-__all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "assess", "check_suffix", "tracking_error"]
+__all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "check_suffix", "tracking_error"]
 
 PLAN_FORMAT = "slide-plan/1"
+
+OPTIONAL = ("sizes",)
+"""Keys that plans written by older versions lack."""
+
+DEFAULT_SIZES = Sizes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +52,7 @@ class Plan:
         object_velocity: (K, 2) predicted, relative to the pan (m/s).
         object_position: (K, 2) predicted, relative to the pan (m).
         quality: figures, limits and status.
+        sizes: radii of the pan and of the object.
     """
 
     dt: float
@@ -59,6 +66,7 @@ class Plan:
     object_velocity: FloatArray
     object_position: FloatArray
     quality: Quality
+    sizes: Sizes = DEFAULT_SIZES
 
     @classmethod
     def of(
@@ -69,6 +77,7 @@ class Plan:
         quality: Quality,
         model_name: str,
         model_sha256: str = "",
+        sizes: Sizes = DEFAULT_SIZES,
     ) -> Self:
         """Return the plan of a motion of K samples at 1 kHz, in arrays of its own; for the others see the class."""
         pan, sliding = motion.pan[:-1], motion.sliding[:-1]
@@ -84,6 +93,7 @@ class Plan:
             object_velocity=sliding[:, 2:].copy(),
             object_position=sliding[:, :2].copy(),
             quality=quality,
+            sizes=sizes,
         )
 
     def __len__(self) -> int:
@@ -122,6 +132,7 @@ class Plan:
                 "position": self.pan_position,
             },
             "object": {"velocity": self.object_velocity, "position": self.object_position},
+            "sizes": self.sizes.to_dict(),
             "quality": self.quality.to_dict(),
         }
 
@@ -133,7 +144,7 @@ class Plan:
 
     @classmethod
     def from_dict(cls, document: object, source: str = "plan") -> Self:
-        """Read the JSON document.
+        """Read the JSON document; older ones lack the keys of OPTIONAL.
 
         Args:
             document: the parsed document.
@@ -145,7 +156,8 @@ class Plan:
         """
         with reading(source):
             check_format(document, PLAN_FORMAT)
-            parts = fields(document, "", ("format", "dt", "model", "friction", "command", "pan", "object", "quality"))
+            needed = ("format", "dt", "model", "friction", "command", "pan", "object", "quality")
+            parts = fields(document, "", needed, OPTIONAL)
             model = fields(parts["model"], "model", ("name", "sha256"))
             command = fields(parts["command"], "command", ("position",))
             pan = fields(parts["pan"], "pan", ("acceleration", "velocity", "position"))
@@ -175,6 +187,7 @@ class Plan:
                 object_velocity=rows(sliding["velocity"], "object.velocity"),
                 object_position=rows(sliding["position"], "object.position"),
                 quality=Quality.from_dict(parts["quality"]),
+                sizes=Sizes.from_dict(parts["sizes"]) if "sizes" in parts else DEFAULT_SIZES,
             )
 
     def save(self, path: str | PathLike[str]) -> None:

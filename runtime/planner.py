@@ -10,6 +10,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from runtime.assess.assess import assess
+from runtime.assess.sureness import friction_range
+from runtime.assess.training_range import asked_for, beyond
 from runtime.command import Command
 from runtime.documents.checks import number
 from runtime.errors import InputError
@@ -17,15 +20,14 @@ from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.network.bundle import SHIPPED, Bundle
 from runtime.network.decode import Job, decode
-from runtime.network.manifest import TRAINED_ON
 from runtime.network.reader import chunk_count
 from runtime.physics.compiled import check_compiler
 from runtime.physics.motion import Motion
 from runtime.plan import Plan
-from runtime.quality import assess, friction_range
 from runtime.refine.candidates import best_candidate
 from runtime.refine.refine import ROBUST, Effort, kernels, refine
 from runtime.safety.pan import Pan
+from runtime.sizes import Sizes
 from runtime.start import Start
 from runtime.stream import Stream
 
@@ -39,7 +41,7 @@ MOST_CANDIDATES = 256
 
 AT_REST = Start()
 
-Value = TypeVar("Value", Friction, Limits, Start)
+Value = TypeVar("Value", Friction, Limits, Start, Sizes)
 
 
 class Planner:
@@ -67,6 +69,7 @@ class Planner:
         *,
         limits: Limits | None = None,
         start: Start | None = None,
+        sizes: Sizes | None = None,
         tolerance: float | None = None,
         candidates: int | None = None,
         robust: float | None = None,
@@ -80,6 +83,7 @@ class Planner:
             friction: coefficients; the manifest's if None.
             limits: what holds at every sample; the manifest's if None.
             start: where pan and object are; at rest, the pan in the middle, the object on its mark, if None.
+            sizes: radii of pan and object, for what is off the pan; the manifest's if None.
             tolerance: tracking RMSE (m) that the plan is held against, also under other friction; see `FrictionRange`.
             candidates: how many plans to make, of the command turned and mirrored, and to keep the best of, by the law;
                 1 if None, REFINED_FROM where a plan is refined.
@@ -101,7 +105,7 @@ class Planner:
             MissingExtraError: refine_ms without numba.
             BundleError: the network gave a value that is no finite number.
         """
-        job = Job(_command(position), *self._defaults(friction, limits, start))
+        job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
         share = _share(robust)
         effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share, job.limits)
         count = _candidates(candidates, 1 if effort is None else REFINED_FROM)
@@ -118,13 +122,14 @@ class Planner:
         *,
         limits: Limits | Sequence[Limits] | None = None,
         start: Start | Sequence[Start] | None = None,
+        sizes: Sizes | Sequence[Sizes] | None = None,
         tolerance: float | None = None,
     ) -> list[Plan]:
         """Plan for many commands at once: those with equally many chunks share the network's batch axis.
 
         Args:
             positions: commands or position arrays, as for `plan`; lengths may differ.
-            friction, limits, start: as for `plan`, one for all or one for each.
+            friction, limits, start, sizes: as for `plan`, one for all or one for each.
             tolerance: as for `plan`.
 
         Returns:
@@ -144,6 +149,7 @@ class Planner:
             _one_for_each(friction, "friction", len(commands)),
             _one_for_each(limits, "limits", len(commands)),
             _one_for_each(start, "start", len(commands)),
+            _one_for_each(sizes, "sizes", len(commands)),
             strict=True,
         )
         jobs = [Job(command, *self._defaults(*one)) for command, one in zip(commands, each, strict=True)]
@@ -165,20 +171,21 @@ class Planner:
         *,
         limits: Limits | None = None,
         start: Start | None = None,
+        sizes: Sizes | None = None,
     ) -> Stream:
         """Start to follow a command with a controller that measures; see `Stream`.
 
         Args:
-            position, friction, limits, start: as for `plan`; the friction is what motion is predicted with.
+            position, friction, limits, start, sizes: as for `plan`; the friction is what motion is predicted with.
 
         Raises:
             InputError: as for `plan`.
         """
-        return Stream(self.bundle, Job(_command(position), *self._defaults(friction, limits, start)))
+        return Stream(self.bundle, Job(_command(position), *self._defaults(friction, limits, start, sizes)))
 
     def _defaults(
-        self, friction: Friction | None, limits: Limits | None, start: Start | None
-    ) -> tuple[Friction, Limits, Start]:
+        self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None
+    ) -> tuple[Friction, Limits, Start, Sizes]:
         """Put the manifest's values in the place of None.
 
         Raises:
@@ -189,6 +196,7 @@ class Planner:
             _value(friction, manifest.friction, "friction"),
             _value(limits, manifest.limits, "limits"),
             _value(start, AT_REST, "start"),
+            _value(sizes, manifest.sizes, "sizes"),
         )
 
     def _refined(self, job: Job, motion: Motion, effort: Effort) -> Motion:
@@ -208,24 +216,19 @@ class Planner:
         """Cut a motion back to the command's K samples and judge it."""
         manifest, command, samples = self.bundle.manifest, job.command.position, len(job.command)
         motion = motion.first(samples)
-        found = {
-            **job.friction.to_dict(),
-            "reach": job.command.reach,
-            "speed": job.command.speed,
-            "samples": samples,
-        }
         quality = assess(
             motion,
             command,
+            job.friction,
+            job.limits,
+            job.sizes,
             np.array(job.start.pan_acceleration),
-            limits=job.limits,
-            found={name: (value, TRAINED_ON[name]) for name, value in found.items()},
-            trained_on=manifest.trained_on,
-            friction=None
+            None
             if tolerance is None
             else friction_range(motion, command, job.friction, tolerance, manifest.trained_on),
+            beyond(asked_for(job.command, job.friction, job.start), manifest.trained_on),
         )
-        return Plan.of(motion, command, job.friction, quality, manifest.name, self.bundle.sha256)
+        return Plan.of(motion, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)
 
 
 def _command(position: Command | ArrayLike) -> Command:

@@ -3,30 +3,15 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import fields as fields_of
 from enum import StrEnum
 from typing import Any, NamedTuple, Self
 
-import numpy as np
-
-from runtime.documents.checks import FloatArray, fields, number, text
+from runtime.documents.checks import fields, number, text
 from runtime.errors import InputError
-from runtime.friction import Friction
-from runtime.limits import UNITS, Limits
-from runtime.physics.law import DT, rollout_batch
-from runtime.physics.motion import Motion, lengths, tracking_error
-
-FIGURES = {"pan_reach": "pan_reach", "acceleration": "acceleration_max", "jerk": "jerk_max"}
-"""The figure of `Quality` that each limit bounds."""
-
-ROUNDING = 1e-6
-"""Share of a limit by which a figure may pass it, or the governor change it, and nothing is said: the network bounds
-its accelerations in float32."""
-
-FRICTION_STEP = 0.05
-"""Spacing of the coefficients that a plan is replayed under; a hundredth is less than anyone measures."""
+from runtime.limits import UNITS
 
 
 class Status(StrEnum):
@@ -36,16 +21,50 @@ class Status(StrEnum):
     """The network kept every limit by itself, and the command is of the kind it was trained on."""
 
     GOVERNED = "governed"
-    """Every limit is kept because the governor changed accelerations; the prediction is of the changed ones."""
+    """Every limit is kept because the governor changed accelerations, in up to 5 % of the samples; the prediction is of
+    the changed ones."""
+
+    LIMITED = "limited"
+    """The governor changed accelerations in more than 5 % of the samples: the limits decide how the object follows."""
 
     BEYOND_TRAINING_RANGE = "beyond_training_range"
-    """Every limit is kept, but the command or the friction is outside the range the model was trained on."""
+    """The command, the friction or the start is outside the range the model was trained on."""
+
+    POOR = "poor"
+    """The object follows worse than half as well as on a pan that never moves, or worse than 10 mm if no tolerance was
+    given."""
+
+    CANNOT_SLIDE = "cannot_slide"
+    """The acceleration limit is not above mu g: no allowed motion of the pan breaks the object away."""
+
+    OFF_PAN = "off_pan"
+    """The command, or the object by the prediction, comes over the pan's rim; past that the prediction is wrong."""
 
     TOLERANCE_MISSED = "tolerance_missed"
-    """Every limit is kept, but the tracking RMSE is above the tolerance that was asked for."""
+    """The tracking RMSE is above the tolerance that was given."""
 
     LIMIT_EXCEEDED = "limit_exceeded"
     """A limit is passed: the plan must not be executed as it is. The planner makes no such plans; older files may."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether the plan does not do what was asked for: from `poor` on. `slide-plan` then exits with 1."""
+        return self in _FAILED
+
+
+_FAILED = tuple(Status)[tuple(Status).index(Status.POOR) :]
+
+
+class OffPan(NamedTuple):
+    """When and how far something comes over the rim.
+
+    Attributes:
+        first: the first sample at which it does.
+        farthest: largest distance of the object's edge beyond the rim (m).
+    """
+
+    first: int
+    farthest: float
 
 
 class Changes(NamedTuple):
@@ -91,8 +110,11 @@ class Quality:
         worst: by the same names, the sample at which the figure is reached; None where it is not known.
         governed: what the governor changed; None where it is not known.
         friction: under which friction the plan holds a tolerance; None if that was not asked.
+        command_off_pan, object_off_pan: where the command, and the object by the prediction, come over the pan's rim;
+            None where they do not, or it is not known.
         status: the worst thing to be said.
-        notes: one line for each thing that led to the status, with value, range and unit.
+        notes: a line for each thing that led to the status, the worst first, with value, range and unit; then what is
+            worth knowing of how the command was read.
     """
 
     tracking_rmse: float
@@ -108,6 +130,8 @@ class Quality:
     worst: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(UNITS))
     governed: Changes | None = None
     friction: FrictionRange | None = None
+    command_off_pan: OffPan | None = None
+    object_off_pan: OffPan | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document."""
@@ -118,6 +142,8 @@ class Quality:
             "worst": dict(self.worst),
             "governed": None if self.governed is None else self.governed._asdict(),
             "friction": None if self.friction is None else self.friction._asdict(),
+            "command_off_pan": None if self.command_off_pan is None else self.command_off_pan._asdict(),
+            "object_off_pan": None if self.object_off_pan is None else self.object_off_pan._asdict(),
             "status": self.status.value,
             "notes": list(self.notes),
         }
@@ -126,14 +152,13 @@ class Quality:
     def from_dict(cls, document: object, where: str = "quality") -> Self:
         """Read the JSON document; `where` is its key in the plan.
 
-        What plans of before the governor do not have may be absent: the limit on jerk, `worst`, `governed` and
-        `friction`.
+        Older plans may lack the limit on jerk and the keys of _OPTIONAL.
 
         Raises:
             InputError: a key is missing or unknown, or a value is not what it must be.
         """
         needed = (*_NUMBERS, "limits", "margins", "status", "notes")
-        parts = fields(document, where, needed, optional=("worst", "governed", "friction"))
+        parts = fields(document, where, needed, optional=_OPTIONAL)
         status = text(parts["status"], f"{where}.status")
         if status not in tuple(Status):
             raise InputError(f"{where}.status must be one of {', '.join(Status)}, got {status!r}")
@@ -147,12 +172,15 @@ class Quality:
             worst=_by_limit(parts.get("worst", {"pan_reach": None, "acceleration": None}), f"{where}.worst"),
             governed=None if governed is None else _changes(governed, f"{where}.governed"),
             friction=None if friction is None else _friction_range(friction, f"{where}.friction"),
+            command_off_pan=_off_pan(parts.get("command_off_pan"), f"{where}.command_off_pan"),
+            object_off_pan=_off_pan(parts.get("object_off_pan"), f"{where}.object_off_pan"),
             status=Status(status),
             notes=tuple(text(note, f"{where}.notes[{index}]") for index, note in enumerate(parts["notes"])),
         )
 
 
 _NUMBERS = tuple(each.name for each in fields_of(Quality)[:6])
+_OPTIONAL = ("worst", "governed", "friction", "command_off_pan", "object_off_pan")
 
 
 def _by_limit(value: object, where: str) -> dict[str, float | None]:
@@ -166,6 +194,14 @@ def _changes(value: object, where: str) -> Changes:
     return Changes(int(samples), mean, largest)
 
 
+def _off_pan(value: object, where: str) -> OffPan | None:
+    if value is None:
+        return None
+    parts = fields(value, where, OffPan._fields)
+    first, farthest = (number(parts[name], f"{where}.{name}") for name in OffPan._fields)
+    return OffPan(int(first), farthest)
+
+
 def _friction_range(value: object, where: str) -> FrictionRange:
     parts = fields(value, where, FrictionRange._fields)
     tolerance, *ends = FrictionRange._fields
@@ -176,146 +212,3 @@ def _friction_range(value: object, where: str) -> FrictionRange:
 
 def _optional(value: object, where: str) -> float | None:
     return None if value is None else number(value, where)
-
-
-def assess(
-    motion: Motion,
-    command_position: FloatArray,
-    acceleration_before: FloatArray,
-    limits: Limits,
-    found: Mapping[str, tuple[float, str]],
-    trained_on: Mapping[str, tuple[float, float]],
-    friction: FrictionRange | None = None,
-) -> Quality:
-    """Judge a plan.
-
-    Args:
-        motion: K samples of pan and object, as planned; the states after the last are not looked at.
-        command_position: (K, 2) where the object should be (m).
-        acceleration_before: (2,) of the pan over the sample before the first (m/s^2).
-        limits: what the governor kept it to.
-        found: by the names in `trained_on`, what the command and the friction are, and the unit.
-        trained_on: the lowest and highest value the model was trained on.
-        friction: under which friction the plan holds a tolerance, and which; None if there is no tolerance.
-    """
-    u, asked, pan, sliding = motion
-    pan, sliding = pan[:-1], sliding[:-1]
-    rmse, farthest = tracking_error(sliding[:, :2], command_position)
-    along = {
-        "pan_reach": lengths(pan[:, :2]),
-        "acceleration": lengths(u),
-        "jerk": lengths(u - np.concatenate([acceleration_before[None], u[:-1]])) / DT,
-    }
-    figures = {FIGURES[name]: float(values.max()) for name, values in along.items()}
-    held = {name: value if limits.finite else None for name, value in limits.to_dict().items()}
-    changes = _count_changes(u, asked, limits)
-    missed = []
-    if friction is not None and rmse > friction.tolerance:
-        missed.append(f"tracking RMSE {rmse:.4g} m exceeds the tolerance of {friction.tolerance:g} m")
-    notes = {
-        Status.LIMIT_EXCEEDED: _exceeded(figures, held),
-        Status.TOLERANCE_MISSED: missed,
-        Status.BEYOND_TRAINING_RANGE: _beyond(found, trained_on),
-        Status.GOVERNED: _governed(changes),
-    }
-    status = next((status for status, lines in notes.items() if lines), Status.OK)
-    return Quality(
-        tracking_rmse=rmse,
-        tracking_max=farthest,
-        **figures,
-        sliding_share=float(np.mean((sliding[:, 2] != 0.0) | (sliding[:, 3] != 0.0))),
-        limits=held,
-        margins={name: None if limit is None else limit - figures[FIGURES[name]] for name, limit in held.items()},
-        worst={name: int(values.argmax()) for name, values in along.items()},
-        governed=changes,
-        friction=friction,
-        status=status,
-        notes=tuple(line for lines in notes.values() for line in lines),
-    )
-
-
-def _exceeded(figures: Mapping[str, float], limits: Mapping[str, float | None]) -> list[str]:
-    lines = []
-    for name, limit in limits.items():
-        value, unit = figures[FIGURES[name]], UNITS[name]
-        if limit is not None and value > limit * (1.0 + ROUNDING):
-            lines.append(f"{name.replace('_', ' ')} {value:.4g} {unit} exceeds the limit of {limit:g} {unit}")
-    return lines
-
-
-def _beyond(found: Mapping[str, tuple[float, str]], trained_on: Mapping[str, tuple[float, float]]) -> list[str]:
-    lines = []
-    for name, (low, high) in trained_on.items():
-        value, unit = found[name]
-        if not low <= value <= high:
-            unit = f" {unit}" if unit else ""
-            lines.append(f"{name} {value:.4g}{unit} is outside the range trained on, {low:g} to {high:g}{unit}")
-    return lines
-
-
-def _governed(changes: Changes) -> list[str]:
-    if not changes.samples:
-        return []
-    many = "1 sample" if changes.samples == 1 else f"{changes.samples} samples"
-    return [f"the governor changed {many}, by {changes.mean:.3g} m/s^2 on the mean, {changes.largest:.3g} at most"]
-
-
-def _count_changes(u: FloatArray, asked: FloatArray, limits: Limits) -> Changes:
-    if not limits.finite:
-        return Changes(0, 0.0, 0.0)
-    change = lengths(u - asked)
-    change = change[change > ROUNDING * limits.acceleration]
-    return Changes(len(change), float(change.mean()), float(change.max())) if len(change) else Changes(0, 0.0, 0.0)
-
-
-def friction_range(
-    motion: Motion,
-    command_position: FloatArray,
-    friction: Friction,
-    tolerance: float,
-    trained_on: Mapping[str, tuple[float, float]],
-) -> FrictionRange:
-    """Replay a plan open loop under other friction, on a grid over what the model was trained on.
-
-    Args:
-        motion: K samples of pan and object, as planned.
-        command_position: (K, 2) where the object should be (m).
-        friction: what it was made for.
-        tolerance: largest tracking RMSE (m).
-        trained_on: lowest and highest coefficient, under "static" and "kinetic".
-    """
-    static, kinetic = (_grid(getattr(friction, name), *trained_on[name]) for name in ("static", "kinetic"))
-    static, kinetic = static[static >= friction.kinetic], kinetic[kinetic <= friction.static]
-    cells = [(each, friction.kinetic) for each in static] + [(friction.static, each) for each in kinetic]
-    u, start = motion.acceleration, motion.sliding[0]
-    inputs = np.broadcast_to(u[:-1], (len(cells), len(u) - 1, 2))
-    grid = np.array(cells)
-    states = rollout_batch(np.tile(start, (len(cells), 1)), inputs, grid[:, 0], grid[:, 1])
-    errors = lengths(states[..., :2] - command_position[1:])
-    begin = lengths(start[None, :2] - command_position[:1])
-    rmse = np.sqrt((np.sum(errors * errors, axis=1) + begin[0] ** 2) / len(command_position))
-    good = (rmse <= tolerance).tolist()
-    return FrictionRange(
-        tolerance,
-        *_around(static, good[: len(static)], friction.static),
-        *_around(kinetic, good[len(static) :], friction.kinetic),
-    )
-
-
-def _grid(nominal: float, low: float, high: float) -> FloatArray:
-    """Return coefficients FRICTION_STEP apart from `low` to `high`, and `nominal` among them, (n,) increasing."""
-    count = int((high - low) / FRICTION_STEP + ROUNDING)
-    return np.unique(np.concatenate([low + FRICTION_STEP * np.arange(count + 1), [nominal]]))
-
-
-def _around(values: FloatArray, good: Sequence[bool], nominal: float) -> tuple[float | None, float | None]:
-    """Return the first and last of the values around `nominal` that are good without a gap."""
-    middle = values.tolist().index(nominal)
-    if not good[middle]:
-        return None, None
-    low = high = middle
-    while low > 0 and good[low - 1]:
-        low -= 1
-    while high + 1 < len(values) and good[high + 1]:
-        high += 1
-    return float(values[low]), float(values[high])

@@ -22,9 +22,6 @@ FRAME = 0.04
 HOLD = 0.8
 """How long the last frame stays before the picture begins again (s)."""
 
-PAN_RADIUS, OBJECT_RADIUS = 0.18, 0.03
-"""Of the discs that are drawn (m)."""
-
 VIEW, CLOSE_VIEW = 0.36, 0.085
 """Half of what is seen of the world and of the pan (m)."""
 
@@ -74,10 +71,14 @@ def _frame(plan: Plan, k: int) -> bytes:
         axes.set_title(title, fontsize=10)
         for side in axes.spines.values():
             side.set_visible(False)
-        axes.add_patch(Circle(origin.tolist(), PAN_RADIUS, facecolor="#e8eaed", edgecolor="#5f6368", linewidth=2))
+        axes.add_patch(
+            Circle(origin.tolist(), plan.sizes.pan_radius, facecolor="#e8eaed", edgecolor="#5f6368", linewidth=2)
+        )
         axes.plot(*(plan.command_position + origin).T, color="#9aa0a6", linewidth=1.2, linestyle=(0, (4, 2)))
         axes.plot(*(plan.object_position[: k + 1] + origin).T, color="#d93025", linewidth=1.8)
-        axes.add_patch(Circle((on_pan + origin).tolist(), OBJECT_RADIUS, facecolor="#d9302540", edgecolor="#d93025"))
+        axes.add_patch(
+            Circle((on_pan + origin).tolist(), plan.sizes.object_radius, facecolor="#d9302540", edgecolor="#d93025")
+        )
         axes.plot(*(on_pan + origin), "o", color="#d93025", markersize=4)
     world.plot(*plan.pan_position[: k + 1, :2].T, color="#1a73e8", linewidth=1.2)
     world.plot(*centre, "+", color="#1a73e8", markersize=9)

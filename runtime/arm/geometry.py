@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+from runtime.sizes import Sizes
+
 SHOULDER_HEIGHT = 0.35
 """Height of the shoulder above the ground (m)."""
 
@@ -27,8 +29,8 @@ HAND = 0.30
 LINK_MASSES = (3.7, 8.0, 2.6, 1.2, 1.0, 0.9)
 """Masses of the six moving links (kg); the last is the flange with the pan."""
 
-PAN_RADIUS = 0.18
-"""Inner radius of the pan (m)."""
+PAN_RADIUS = Sizes().pan_radius
+"""Inner radius of the pan (m): what plans are made for unless told otherwise."""
 
 PAN_THICKNESS = 0.004
 """Thickness of the pan's bottom (m)."""
@@ -45,7 +47,7 @@ RIM_BOXES = 32
 PAN_FRICTION = 1.0
 """Friction coefficient of the pan; the simulator multiplies it by the object's, which is then the friction."""
 
-OBJECT_RADIUS = 0.03
+OBJECT_RADIUS = Sizes().object_radius
 """Radius of the cylinder on the pan (m)."""
 
 OBJECT_HEIGHT = 0.04

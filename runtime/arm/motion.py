@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from runtime.assess.assess import assess
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import NO_LIMITS
@@ -11,7 +12,7 @@ from runtime.physics.law import rollout
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
-from runtime.quality import assess
+from runtime.sizes import Sizes
 
 
 def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_position: FloatArray | None = None) -> Plan:
@@ -29,5 +30,5 @@ def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_positio
     pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u)])
     motion = Motion(u, u, pan, np.concatenate([start, rollout(start[0], u, friction)]))
     command = motion.sliding[:-1, :2] if command_position is None else command_position
-    quality = assess(motion, command, u[0], NO_LIMITS, found={}, trained_on={})
+    quality = assess(motion, command, friction, NO_LIMITS, Sizes(), u[0])
     return Plan.of(motion, command, friction, quality, name)

@@ -1,6 +1,7 @@
 """The command line: `slide-plan`, `slide-run` and `slide-info`.
 
-Exit codes: 0 done, 1 done but a limit was missed (said in one line), 2 bad input or usage, 130 interrupted.
+Exit codes: 0 done, 1 done but the plan is of a status from `poor` on (said in one line), 2 bad input or usage, 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.console import MM, AsJson, print_json, print_table, run
-from runtime.cli.options import Kinetic, Static, chosen_friction, conclude, reach_of_limit
+from runtime.assess.assess import cannot_slide
+from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
+from runtime.cli.options import Kinetic, SizeOptions, Static, chosen_friction, conclude, reach_of_limit
 from runtime.command import Command
 from runtime.documents.files import check_writable
 from runtime.plan import check_suffix
 from runtime.planner import Planner
+
+NO_SIZES = SizeOptions()
 
 PAPER_SAMPLES_PER_SECOND = 622.0
 """Planning speed of the paper: 1200 samples in 1.93 s on an Intel Core i7-6700 (Section V-B)."""
@@ -44,6 +48,7 @@ def slide_plan(
     tolerance: Annotated[
         float | None, typer.Option("--tolerance", help="Tracking RMSE to hold the plan against (m).", metavar="M")
     ] = None,
+    sizes: SizeOptions = NO_SIZES,
     as_json: AsJson = False,
 ) -> None:
     """Plan the motion of the pan that slides the object along a command."""
@@ -54,8 +59,12 @@ def slide_plan(
     friction = chosen_friction(planner.bundle.manifest.friction, static, kinetic)
     given = {"pan_reach": reach, "acceleration": acceleration, "jerk": jerk}
     limits = replace(planner.bundle.manifest.limits, **{name: it for name, it in given.items() if it is not None})
+    warned = cannot_slide(friction, limits)
+    for line in warned:
+        say("slide-plan", f"warning: {line}")
     begin = time.perf_counter()
-    plan = planner.plan(command, friction, limits=limits, tolerance=tolerance)
+    chosen = sizes.chosen(planner.bundle.manifest.sizes)
+    plan = planner.plan(command, friction, limits=limits, sizes=chosen, tolerance=tolerance)
     duration = time.perf_counter() - begin
     plan.save(output)
 
@@ -66,6 +75,7 @@ def slide_plan(
                 "plan": str(output),
                 "model": {"name": plan.model_name, "sha256": plan.model_sha256},
                 "friction": friction.to_dict(),
+                "sizes": plan.sizes.to_dict(),
                 "samples": len(plan),
                 "quality": quality.to_dict(),
                 "planning_time": duration,
@@ -78,10 +88,11 @@ def slide_plan(
             ("tracking RMSE", f"{quality.tracking_rmse * MM:.2f} mm"),
             ("tracking maximum", f"{quality.tracking_max * MM:.2f} mm"),
             ("pan reach", reach_of_limit(plan)),
+            ("pan, object radius", f"{plan.sizes.pan_radius * MM:g} mm, {plan.sizes.object_radius * MM:g} mm"),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),
             ("samples governed", f"{0 if quality.governed is None else quality.governed.samples}"),
             ("planning time", f"{duration * 1e3:.1f} ms for {len(plan)} samples"),
             ("samples per second", f"{speed:,.0f}, {speed / PAPER_SAMPLES_PER_SECOND:.0f} x the paper's 622"),
         ]
         print_table(f"{output}: {quality.status}", rows)
-    conclude("slide-plan", plan)
+    conclude("slide-plan", plan, said=warned)

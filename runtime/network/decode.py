@@ -12,21 +12,24 @@ from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.network.bundle import Bundle
+from runtime.network.manifest import DEFAULT_SIZES
 from runtime.network.reader import Reader, Window, chunk_count, held_still
 from runtime.physics.law import slide
 from runtime.physics.motion import Motion
 from runtime.safety.governor import govern
 from runtime.safety.pan import Pan
+from runtime.sizes import Sizes
 from runtime.start import Start
 
 
 class Job(NamedTuple):
-    """One command to be planned: where the object should be, on what, within what, and from where."""
+    """One command to be planned: where the object should be, on what, within what, from where, and on which pan."""
 
     command: Command
     friction: Friction
     limits: Limits
     start: Start
+    sizes: Sizes = DEFAULT_SIZES
 
 
 def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> Motion:

@@ -14,6 +14,7 @@ from runtime.errors import BundleError, InputError
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.physics.law import DT
+from runtime.sizes import Sizes
 
 BUNDLE_FORMAT = "slide-bundle/1"
 MANIFEST_FILE = "manifest.json"
@@ -23,13 +24,27 @@ PRECISIONS = ("fp32", "int8")
 ENCODER = "encoder"
 DECODER_STEP = "decoder_step"
 
-TRAINED_ON = {"static": "", "kinetic": "", "reach": "m", "speed": "m/s", "samples": ""}
-"""What the manifest gives the range of, and the unit; reach and speed are those of `Command`."""
+TRAINED_ON = {
+    "static": "",
+    "kinetic": "",
+    "reach": "m",
+    "speed": "m/s",
+    "samples": "",
+    "start_speed": "m/s",
+    "corner": "m/s",
+}
+"""What the manifest gives the range of, and the unit: coefficients of friction; of the command the distance from its
+first position, the speed, the number of samples and the sharpest corner, as a change of velocity; the speed of the pan
+at the start."""
+
+USUAL_RANGES = {"start_speed": (0.0, 1.0), "corner": (0.0, 1.2)}
+"""Ranges where a manifest does not say: what a network is taken through in mid-course, and still follows."""
 
 LARGEST = {"chunk": 10_000, "layers": 16, "units": 8192, "command_ahead": 100}
 """Largest of each number in a manifest that memory is allocated by."""
 
 DEFAULT_LIMITS = Limits()
+DEFAULT_SIZES = Sizes()
 
 
 @contextmanager
@@ -65,11 +80,13 @@ class Manifest:
         acceleration_bound: bound on the pan acceleration inside the network (m/s^2); None if it has none.
         friction: what plans are made for unless something else is said.
         pan_limit: largest distance of the pan from where it began that was trained for (m).
-        trained_on: lowest and highest value of each of TRAINED_ON in the training.
+        trained_on: lowest and highest value of each of TRAINED_ON in the training. Those of USUAL_RANGES may be absent
+            in the file.
         training: how the network was made; free-form.
         evaluation: figures; free-form.
         limits: what plans keep to unless something else is said. May be absent in the file: then `pan_limit`, the
             acceleration bound and the defaults of `Limits`.
+        sizes: of pan and object, unless something else is said. May be absent in the file.
     """
 
     name: str
@@ -88,6 +105,7 @@ class Manifest:
     training: Mapping[str, Any]
     evaluation: Mapping[str, Any]
     limits: Limits = DEFAULT_LIMITS
+    sizes: Sizes = DEFAULT_SIZES
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document.
@@ -104,6 +122,7 @@ class Manifest:
             "training": dict(self.training),
             "evaluation": dict(self.evaluation),
             "limits": self.limits.to_dict(),
+            "sizes": self.sizes.to_dict(),
         }
         type(self).from_dict(document)
         return document
@@ -121,14 +140,16 @@ class Manifest:
         """
         with _judging(source):
             check_format(document, BUNDLE_FORMAT)
-            needed = [name for name in cls.__dataclass_fields__ if name != "limits"]
-            parts = fields(document, "", ("format", *needed), optional=("limits",))
+            optional = ("limits", "sizes")
+            needed = [name for name in cls.__dataclass_fields__ if name not in optional]
+            parts = fields(document, "", ("format", *needed), optional)
             precision = text(parts["precision"], "precision")
             if precision not in PRECISIONS:
                 raise InputError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
             bound = parts["acceleration_bound"]
             graphs = fields(parts["graphs"], "graphs", (ENCODER, DECODER_STEP))
-            trained_on = fields(parts["trained_on"], "trained_on", tuple(TRAINED_ON))
+            always = tuple(name for name in TRAINED_ON if name not in USUAL_RANGES)
+            trained_on = USUAL_RANGES | dict(fields(parts["trained_on"], "trained_on", always, tuple(USUAL_RANGES)))
             for name in ("training", "evaluation"):
                 if not isinstance(parts[name], Mapping):
                     raise InputError(f"{name} must be an object, got {parts[name]!r}")
@@ -151,10 +172,11 @@ class Manifest:
                 acceleration_bound=bound,
                 friction=Friction.from_dict(parts["friction"]),
                 pan_limit=pan_limit,
-                trained_on={name: _range(value, f"trained_on.{name}") for name, value in trained_on.items()},
+                trained_on={name: _range(trained_on[name], f"trained_on.{name}") for name in TRAINED_ON},
                 training=parts["training"],
                 evaluation=parts["evaluation"],
                 limits=Limits.from_dict(parts["limits"]) if "limits" in parts else limits,
+                sizes=Sizes.from_dict(parts["sizes"]) if "sizes" in parts else DEFAULT_SIZES,
             )
 
 

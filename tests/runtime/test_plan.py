@@ -13,13 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from runtime import FormatError, Friction, OutputError, Plan, Quality, Status
-from runtime.documents.checks import FloatArray
-from runtime.limits import NO_LIMITS, UNITS, Limits
+from runtime import FormatError, Friction, OutputError, Plan, Quality, Sizes, Status
+from runtime.limits import UNITS
 from runtime.physics.law import GRAVITY
-from runtime.physics.motion import Motion
 from runtime.plan import PLAN_FORMAT
-from runtime.quality import FRICTION_STEP, Changes, FrictionRange, assess, friction_range
+from runtime.quality import Changes, FrictionRange, OffPan
 
 ARRAYS = (
     "command_position",
@@ -34,6 +32,8 @@ printable = st.text(st.characters(exclude_categories=["C", "Z"]), max_size=20)
 optional_limits = st.fixed_dictionaries(dict.fromkeys(UNITS, st.none() | finite))
 changes = st.builds(Changes, st.integers(0, 10**6), finite, finite)
 friction_ranges = st.builds(FrictionRange, finite, *[st.none() | finite] * 4)
+off_pans = st.builds(OffPan, st.integers(0, 10**6), finite)
+sizes = st.builds(Sizes, st.floats(0.1, 10.0), st.floats(0.0, 0.09))
 
 
 @st.composite
@@ -50,6 +50,8 @@ def plans(draw: st.DrawFn) -> Plan:
         worst=draw(optional_limits),
         governed=draw(st.none() | changes),
         friction=draw(st.none() | friction_ranges),
+        command_off_pan=draw(st.none() | off_pans),
+        object_off_pan=draw(st.none() | off_pans),
     )
     return Plan(
         dt=draw(st.floats(1e-6, 1.0)),
@@ -57,6 +59,7 @@ def plans(draw: st.DrawFn) -> Plan:
         model_sha256=draw(printable),
         friction=Friction(static, kinetic),
         quality=quality,
+        sizes=draw(sizes),
         **{name: draw(npst.arrays(np.float64, shape, elements=finite)) for name in ARRAYS},
     )
 
@@ -65,7 +68,7 @@ def assert_same(one: Plan, other: Plan) -> None:
     for name in ARRAYS:
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
         assert getattr(other, name).dtype == np.float64
-    for name in ("dt", "model_name", "model_sha256", "friction", "quality"):
+    for name in ("dt", "model_name", "model_sha256", "friction", "sizes", "quality"):
         assert getattr(one, name) == getattr(other, name), name
 
 
@@ -88,6 +91,7 @@ def test_document_is_laid_out_as_promised(plan: Plan, tmp_path: Path) -> None:
         "command": ["position"],
         "pan": ["acceleration", "position", "velocity"],
         "object": ["position", "velocity"],
+        "sizes": ["object_radius", "pan_radius"],
         "quality": sorted(field.name for field in dataclasses.fields(Quality)),
     }
     assert np.array_equal(document["pan"]["acceleration"], plan.pan_acceleration)
@@ -155,12 +159,16 @@ def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("object.velocity", 0.0, "object.velocity must be a list"),
         ("object.position", [[1e999, 0.0]] * 250, r"object.position\[0\], column x: inf is not a finite number"),
         ("object.speed", 0.0, "object: unknown key 'speed'"),
+        ("sizes.pan_radius", ..., "sizes: missing key 'pan_radius'"),
+        ("sizes.pan_radius", -1.0, "pan_radius must be above 0 and at most 10 m, got -1 m"),
+        ("sizes.object_radius", 0.2, "object_radius must be at least 0 m and less than the pan's, 0.18 m, got 0.2 m"),
+        ("quality.object_off_pan", 3, "quality.object_off_pan: must be an object"),
         ("quality.tracking_rmse", ..., "quality: missing key 'tracking_rmse'"),
         ("quality.pan_reach", "far", "quality.pan_reach must be a number"),
         (
             "quality.status",
             "fine",
-            "quality.status must be one of ok, governed, beyond_training_range, tolerance_missed",
+            "quality.status must be one of ok, governed, limited, beyond_training_range, poor, cannot_slide, off_pan, ",
         ),
         ("quality.status", ["ok"], "quality.status must be printable text"),
         ("quality.notes", "fine", "quality.notes must be a list"),
@@ -265,118 +273,16 @@ def test_save_into_what_cannot_hold_it_is_an_output_error(plan: Plan, tmp_path: 
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.json"]
 
 
-def judge(
-    limits: Limits | None = None,
-    far: float = 0.1,
-    static: float = 1.0,
-    asked: FloatArray | None = None,
-    before: tuple[float, float] = (0.0, 0.0),
-) -> Quality:
-    """Assess three samples whose figures are easy to tell."""
-    u = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 2.0]])
-    pan, sliding = np.zeros((4, 4)), np.zeros((4, 4))
-    pan[:3, :2] = [[0.0, 0.0], [0.06, 0.08], [0.0, -0.02]]
-    sliding[:3, :2] = [[0.0, 0.0], [0.003, 0.004], [0.0, 0.001]]
-    sliding[1, 3] = 1e-300
-    return assess(
-        Motion(u, u if asked is None else asked, pan, sliding),
-        np.zeros((3, 2)),
-        np.array(before),
-        limits or Limits(0.2, 30.0, 10_000.0),
-        found={"reach": (far, "m"), "static": (static, "")},
-        trained_on={"reach": (0.02, 0.13), "static": (0.5, 1.4)},
-    )
-
-
-def test_quality_figures() -> None:
-    quality = judge()
-    assert quality.tracking_rmse == pytest.approx(np.sqrt((0.005**2 + 0.001**2) / 3))
-    assert quality.tracking_max == pytest.approx(0.005)
-    assert quality.pan_reach == pytest.approx(0.1)
-    assert quality.acceleration_max == pytest.approx(5.0)
-    assert quality.jerk_max == pytest.approx(5000.0)
-    assert quality.sliding_share == pytest.approx(1 / 3)
-    assert quality.margins == {"pan_reach": pytest.approx(0.1), "acceleration": 25.0, "jerk": 5000.0}
-    assert quality.worst == {"pan_reach": 1, "acceleration": 1, "jerk": 1}
-    assert (quality.status, quality.notes, quality.governed) == (Status.OK, (), Changes(0, 0.0, 0.0))
-
-
-def test_jerk_counts_from_the_sample_before_the_first() -> None:
-    quality = judge(before=(-6.0, 0.0))
-    assert quality.jerk_max == pytest.approx(6000.0)
-    assert quality.worst["jerk"] == 0
-
-
-def test_without_limits_there_is_no_margin_and_nothing_to_pass() -> None:
-    quality = judge(limits=NO_LIMITS)
-    assert quality.limits == quality.margins == dict.fromkeys(UNITS)
-    assert quality.status is Status.OK
-
-
-def test_passed_limit_is_the_status_and_the_first_note() -> None:
-    quality = judge(limits=Limits(0.08, 4.0, 4000.0), far=0.2)
-    assert quality.status is Status.LIMIT_EXCEEDED
-    assert quality.margins == pytest.approx({"pan_reach": -0.02, "acceleration": -1.0, "jerk": -1000.0})
-    assert quality.notes == (
-        "pan reach 0.1 m exceeds the limit of 0.08 m",
-        "acceleration 5 m/s^2 exceeds the limit of 4 m/s^2",
-        "jerk 5000 m/s^3 exceeds the limit of 4000 m/s^3",
-        "reach 0.2 m is outside the range trained on, 0.02 to 0.13 m",
-    )
-
-
-def test_rounding_at_the_bound_is_no_passed_limit() -> None:
-    assert judge(limits=Limits(acceleration=5.0 * (1.0 - 5e-7))).status is Status.OK
-    assert judge(limits=Limits(acceleration=4.999)).status is Status.LIMIT_EXCEEDED
-
-
-def test_command_or_friction_beyond_the_training_is_a_warning() -> None:
-    assert judge(far=0.2).status is Status.BEYOND_TRAINING_RANGE
-    assert judge(static=0.1).notes == ("static 0.1 is outside the range trained on, 0.5 to 1.4",)
-
-
-def test_what_the_governor_changed_is_counted() -> None:
-    quality = judge(asked=np.array([[0.0, 0.0], [3.0, 4.0 + 1e-6], [3.0, 5.0]]))
-    assert quality.governed == Changes(1, 3.0, 3.0)
-    assert quality.status is Status.GOVERNED
-    assert quality.notes == ("the governor changed 1 sample, by 3 m/s^2 on the mean, 3 at most",)
-    assert judge(asked=np.full((3, 2), 9.0), far=0.2).status is Status.BEYOND_TRAINING_RANGE
-
-
-def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> None:
-    u = plan.pan_acceleration
-    states = plan.replay()
-    motion = Motion(u, u, np.zeros((len(u) + 1, 4)), np.concatenate([states, states[-1:]]))
-    trained_on = {"static": (0.5, 1.4), "kinetic": (0.3, 0.7)}
-    tolerance = 2e-3
-    found = friction_range(motion, plan.object_position, plan.friction, tolerance, trained_on)
-
-    def holds(static: float, kinetic: float) -> bool:
-        error = plan.replay(Friction(static, kinetic))[:, :2] - plan.object_position
-        return bool(np.sqrt(np.mean(np.sum(error * error, axis=1))) <= tolerance)
-
-    assert found.static_low is not None
-    assert found.kinetic_high is not None
-    assert found.static_low <= plan.friction.static <= (found.static_high or 0.0)
-    assert (found.kinetic_low or 9.0) <= plan.friction.kinetic <= found.kinetic_high
-    for static in (found.static_low, found.static_high):
-        assert holds(static, plan.friction.kinetic)
-    for kinetic in (found.kinetic_low, found.kinetic_high):
-        assert holds(plan.friction.static, kinetic)
-    assert found.static_low < 0.52 or not holds(found.static_low - FRICTION_STEP, plan.friction.kinetic)
-    assert found.kinetic_high > 0.68 or not holds(plan.friction.static, found.kinetic_high + FRICTION_STEP)
-    nowhere = friction_range(motion, u, plan.friction, tolerance, trained_on)
-    assert nowhere == FrictionRange(tolerance, None, None, None, None)
-
-
-def test_plan_of_before_the_governor_is_still_read(plan: Plan) -> None:
+def test_plan_written_before_the_governor_and_the_rim_is_still_read(plan: Plan) -> None:
     document = plan.to_dict()
+    del document["sizes"]
     quality = document["quality"]
-    for name in ("worst", "governed", "friction"):
+    for name in ("worst", "governed", "friction", "command_off_pan", "object_off_pan"):
         del quality[name]
     for name in ("limits", "margins"):
         quality[name] = {"pan_reach": 0.2, "acceleration": None}
     quality["status"] = "limit_exceeded"
+    assert Plan.from_dict(document).sizes == Sizes(0.18, 0.03)
     old = Plan.from_dict(document).quality
     assert old.limits == {"pan_reach": 0.2, "acceleration": None, "jerk": None}
     assert (old.governed, old.friction, old.worst) == (None, None, dict.fromkeys(UNITS))

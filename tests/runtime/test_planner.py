@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Status
-from runtime.limits import NO_LIMITS
+from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Sizes, Start, Status
 from runtime.network.reader import Window
 from runtime.physics.law import BATCHED_FROM, compile_law, rollout
 from runtime.physics.pan import integrate_pan
@@ -243,14 +242,28 @@ def test_decoder_that_sees_no_command_plans_too(
     assert stream.step(np.zeros((100, 4)), np.tile([*position[0], 0, 0], (100, 1))).shape == (100, 2)
 
 
-def test_limits_and_ranges_come_from_the_manifest(make_bundle: MakeBundle, make_curve: Curve, tmp_path: Path) -> None:
+def test_limits_sizes_and_ranges_come_from_the_manifest(
+    make_bundle: MakeBundle, make_curve: Curve, tmp_path: Path
+) -> None:
     planner = Planner(make_bundle(tmp_path / "a", pan_limit=1e-3, acceleration_bound=1.0))
     quality = planner.plan(make_curve(600)).quality
-    assert quality.status is Status.GOVERNED
+    assert quality.governed is not None
+    assert quality.governed.samples > 0
     assert quality.limits == {"pan_reach": 1e-3, "acceleration": 1.0, "jerk": 10_000.0}
-    trained_on = {"static": [1, 1], "kinetic": [0.5, 0.5], "reach": [0, 0.01], "speed": [0, 0.05], "samples": [1, 500]}
-    planner = Planner(make_bundle(tmp_path / "b", trained_on=trained_on))
-    quality = planner.plan(make_curve(600), Friction(0.9, 0.4)).quality
-    assert quality.status is Status.BEYOND_TRAINING_RANGE
-    assert [note.split()[0] for note in quality.notes[:5]] == ["static", "kinetic", "reach", "speed", "samples"]
-    assert planner.plan(np.zeros((100, 2)), limits=NO_LIMITS).quality.status is Status.OK
+    trained_on = {
+        "static": [1, 1],
+        "kinetic": [0.5, 0.5],
+        "reach": [0, 0.01],
+        "speed": [0, 0.05],
+        "samples": [700, 900],
+        "start_speed": [0, 0.1],
+        "corner": [0, 0.001],
+    }
+    sizes = {"pan_radius": 0.05, "object_radius": 0.04}
+    planner = Planner(make_bundle(tmp_path / "b", trained_on=trained_on, sizes=sizes))
+    plan = planner.plan(make_curve(600), Friction(0.9, 0.4), start=Start(pan_velocity=(0.2, 0.0)))
+    beyond = [note.split(" is outside")[0].rsplit(" ", 2)[0] for note in plan.quality.notes if "trained on" in note]
+    assert [name.split()[0] for name in beyond] == ["static", "kinetic", "reach", "speed", "samples", "start", "corner"]
+    assert plan.sizes == Sizes(0.05, 0.04)
+    assert plan.quality.status is Status.OFF_PAN
+    assert planner.plan(make_curve(600), sizes=Sizes()).sizes == Sizes()

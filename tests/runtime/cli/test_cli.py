@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from runtime import Friction, Plan, Planner
+from runtime import Friction, Plan, Planner, Sizes
 from runtime.cli.info import info_main
 from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND, plan_main
 from runtime.cli.run import run_main
@@ -40,6 +41,12 @@ def slide(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) ->
     return call
 
 
+@pytest.fixture(scope="module")
+def plan(make_curve: Callable[..., NDArray[np.float64]]) -> Plan:
+    """A plan that does what it should, by the shipped network."""
+    return Planner().plan(make_curve(400))
+
+
 @pytest.fixture
 def plan_file(plan: Plan, tmp_path: Path) -> Path:
     path = tmp_path / "plan.json"
@@ -47,8 +54,8 @@ def plan_file(plan: Plan, tmp_path: Path) -> Path:
     return path
 
 
-def test_slide_plan_writes_the_plan_and_a_table(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
-    code, out, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path)
+def test_slide_plan_writes_the_plan_and_a_table(slide: Slide, tmp_path: Path) -> None:
+    code, out, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json")
     assert (code, err) == (0, "")
     plan = Plan.load(tmp_path / "plan.json")
     assert len(plan) == 1200
@@ -58,8 +65,8 @@ def test_slide_plan_writes_the_plan_and_a_table(slide: Slide, bundle_path: Path,
     assert [entry.name for entry in tmp_path.iterdir()] == ["plan.json"]
 
 
-def test_slide_plan_json_is_one_object_and_nothing_else(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
-    code, out, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.npz", "--model", bundle_path, "--json")
+def test_slide_plan_json_is_one_object_and_nothing_else(slide: Slide, tmp_path: Path) -> None:
+    code, out, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.npz", "--json")
     assert (code, err) == (0, "")
     result = json.loads(out)
     plan = Plan.load(tmp_path / "plan.npz")
@@ -69,12 +76,12 @@ def test_slide_plan_json_is_one_object_and_nothing_else(slide: Slide, bundle_pat
     assert result["ratio_to_paper"] == pytest.approx(result["samples_per_second"] / PAPER_SAMPLES_PER_SECOND)
 
 
-def test_slide_plan_takes_friction(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+def test_slide_plan_takes_friction(slide: Slide, tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
-    code, *_ = slide("slide-plan", EXAMPLE, "-o", path, "--model", bundle_path, "--static", "0.7", "--kinetic", "0.4")
+    code, *_ = slide("slide-plan", EXAMPLE, "-o", path, "--static", "0.7", "--kinetic", "0.4")
     assert code == 0
     assert Plan.load(path).friction == Friction(0.7, 0.4)
-    code, *_ = slide("slide-plan", EXAMPLE, "-o", path, "--model", bundle_path, "--static", "0.8")
+    code, *_ = slide("slide-plan", EXAMPLE, "-o", path, "--static", "0.8")
     assert code == 0
     assert Plan.load(path).friction == Friction(0.8, 0.5)
 
@@ -93,28 +100,58 @@ def test_missed_tolerance_exits_1_in_one_line_with_the_plan_written(
     assert err.startswith("slide-run: tolerance missed: tracking RMSE ")
 
 
-def test_limits_can_be_tightened(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
-    options = ["--reach", "0.01", "--acceleration", "8", "--jerk", "2000"]
-    code, out, _ = slide(
-        "slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path, "--json", *options
-    )
+def test_limits_can_be_tightened(slide: Slide, tmp_path: Path) -> None:
+    options = ["--reach", "0.18", "--acceleration", "28", "--jerk", "9000"]
+    code, out, _ = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--json", *options)
     quality = json.loads(out)["quality"]
     assert code == 0
-    assert quality["limits"] == {"pan_reach": 0.01, "acceleration": 8.0, "jerk": 2000.0}
+    assert quality["limits"] == {"pan_reach": 0.18, "acceleration": 28.0, "jerk": 9000.0}
     assert all(margin > -1e-9 for margin in quality["margins"].values())
-    assert quality["status"] == "governed"
-    code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--model", bundle_path, "--jerk", "0")
+    assert quality["status"] in ("governed", "limited")
+    code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--jerk", "0")
     assert (code, err) == (2, "slide-plan: error: limit jerk must be greater than 0 m/s^3, got 0 m/s^3\n")
 
 
-def test_command_beyond_the_training_is_a_warning(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
-    command = tmp_path / "far.json"
-    command.write_text(json.dumps({"t": [0, 1, 2], "position": [[0, 0], [0.3, 0], [0, 0]]}))
-    code, _, err = slide("slide-plan", command, "-o", tmp_path / "plan.json", "--model", bundle_path)
+def test_friction_beyond_the_training_is_a_warning(slide: Slide, tmp_path: Path) -> None:
+    code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--static", "1.6")
     assert code == 0
-    assert err.startswith("slide-plan: warning: reach 0.3 m is outside the range trained on")
+    assert err.startswith("slide-plan: warning: beyond training range: static 1.6 is outside the range trained on, ")
     assert err.count("\n") == 1
     assert Plan.load(tmp_path / "plan.json").quality.status == "beyond_training_range"
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "line"),
+    [
+        (["--acceleration", "10", "--jerk", "5000"], "poor", "poor: tracking RMSE "),
+        (
+            ["--acceleration", "9"],
+            "cannot_slide",
+            "warning: the object cannot slide: the pan may accelerate by 9 m/s^2, and static friction 1 holds the "
+            "object up to 9.8 m/s^2\n",
+        ),
+        (["--pan-radius", "0.08"], "off_pan", "off pan: the command leaves the pan at sample "),
+        (["--object-radius", "0.14"], "off_pan", "off pan: the command leaves the pan at sample "),
+    ],
+)
+def test_plan_that_does_not_do_what_it_should_is_written_and_exits_1_with_one_line(
+    slide: Slide, tmp_path: Path, options: list[str], status: str, line: str
+) -> None:
+    path = tmp_path / "plan.json"
+    code, out, err = slide("slide-plan", EXAMPLE, "-o", path, "--json", *options)
+    assert code == 1
+    assert err.startswith(f"slide-plan: {line}")
+    assert err.count("\n") == 1
+    assert json.loads(out)["quality"]["status"] == status == Plan.load(path).quality.status
+    assert slide("slide-run", path)[0] == 1
+
+
+def test_sizes_are_the_plans_and_bad_ones_are_refused(slide: Slide, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    assert slide("slide-plan", EXAMPLE, "-o", path, "--pan-radius", "0.14")[0] == 0
+    assert Plan.load(path).sizes == Sizes(0.14, 0.03)
+    code, _, err = slide("slide-plan", EXAMPLE, "-o", path, "--pan-radius", "140")
+    assert (code, err) == (2, "slide-plan: error: pan_radius must be above 0 and at most 10 m, got 140 m\n")
 
 
 @pytest.mark.parametrize(
@@ -278,9 +315,9 @@ def obey_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def test_program_works_in_a_process_of_its_own_under_an_ascii_locale(bundle_path: Path, tmp_path: Path) -> None:
+def test_program_works_in_a_process_of_its_own_under_an_ascii_locale(tmp_path: Path) -> None:
     environment = os.environ | {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    with start("slide-plan", EXAMPLE, "-o", tmp_path / "p.json", "--model", bundle_path, env=environment) as process:
+    with start("slide-plan", EXAMPLE, "-o", tmp_path / "p.json", env=environment) as process:
         out, err = process.communicate()
     assert (process.returncode, err) == (0, "")
     assert "tracking RMSE" in out

@@ -50,8 +50,18 @@ def test_shipped_bundle_is_known_by_its_name(
 def test_manifest_comes_back_the_same(bundle_path: Path) -> None:
     document = manifest_of(bundle_path)
     manifest = Manifest.from_dict(document)
-    assert manifest.to_dict() == document | {"limits": {"pan_reach": 100.0, "acceleration": 30.0, "jerk": 10_000.0}}
-    tight = document | {"limits": {"pan_reach": 0.1, "acceleration": 20.0, "jerk": 5000.0}}
+    usual = {"start_speed": [0.0, 1.0], "corner": [0.0, 1.2]}
+    absent = {
+        "limits": {"pan_reach": 100.0, "acceleration": 30.0, "jerk": 10_000.0},
+        "sizes": {"pan_radius": 0.18, "object_radius": 0.03},
+        "trained_on": document["trained_on"] | usual,
+    }
+    assert manifest.to_dict() == document | absent
+    tight = document | {
+        "limits": {"pan_reach": 0.1, "acceleration": 20.0, "jerk": 5000.0},
+        "sizes": {"pan_radius": 0.14, "object_radius": 0.02},
+        "trained_on": document["trained_on"] | {"start_speed": [0.0, 0.1], "corner": [0.0, 0.5]},
+    }
     assert Manifest.from_dict(tight).to_dict() == tight
     assert Manifest.from_dict(json.loads(json.dumps(manifest.to_dict()))) == manifest
     assert document["format"] == BUNDLE_FORMAT == "slide-bundle/1"

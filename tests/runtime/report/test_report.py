@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import runtime.report
+from runtime.assess.assess import assess
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError, OutputError
 from runtime.friction import Friction
@@ -24,7 +25,7 @@ from runtime.physics.law import DT, GRAVITY, rollout
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
-from runtime.quality import Status, assess
+from runtime.quality import Status
 from runtime.report.report import (
     MAX_SAMPLES,
     OBJECT_RADIUS,
@@ -34,6 +35,7 @@ from runtime.report.report import (
     slip_phases,
     write_report,
 )
+from runtime.sizes import Sizes
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -58,7 +60,7 @@ def shaken_plan(samples: int = 700, friction: Friction | None = None) -> Plan:
     pan = np.concatenate([rest, integrate_pan(rest[0], u)])
     command = np.stack([0.05 * np.sin(k / 150), 0.03 * np.cos(k / 120) - 0.03], axis=1)
     motion = Motion(u, u, pan, sliding)
-    quality = assess(motion, command, u[0], LIMITS, found={}, trained_on={})
+    quality = assess(motion, command, friction, LIMITS, Sizes(), u[0])
     return Plan.of(motion, command, friction, quality, "shaken", "ab" * 32)
 
 

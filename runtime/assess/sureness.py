@@ -1,0 +1,72 @@
+"""How sure a plan is: what becomes of it if the friction is another than it was made for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
+from runtime.physics.law import rollout_batch
+from runtime.physics.motion import Motion, lengths
+from runtime.quality import FrictionRange
+
+FRICTION_STEP = 0.05
+"""Spacing of the coefficients that a plan is replayed under; a hundredth is less than anyone measures."""
+
+ROUNDING = 1e-6
+"""Share of a step by which a range may fall short of a whole number of steps."""
+
+
+def friction_range(
+    motion: Motion,
+    command_position: FloatArray,
+    friction: Friction,
+    tolerance: float,
+    trained_on: Mapping[str, tuple[float, float]],
+) -> FrictionRange:
+    """Replay a plan open loop under other friction, on a grid over what the model was trained on.
+
+    Args:
+        motion: K samples of pan and object, as planned.
+        command_position: (K, 2) where the object should be (m).
+        friction: what it was made for.
+        tolerance: largest tracking RMSE (m).
+        trained_on: lowest and highest coefficient, under "static" and "kinetic".
+    """
+    static, kinetic = (_grid(getattr(friction, name), *trained_on[name]) for name in ("static", "kinetic"))
+    static, kinetic = static[static >= friction.kinetic], kinetic[kinetic <= friction.static]
+    cells = [(each, friction.kinetic) for each in static] + [(friction.static, each) for each in kinetic]
+    u, start = motion.acceleration, motion.sliding[0]
+    inputs = np.broadcast_to(u[:-1], (len(cells), len(u) - 1, 2))
+    grid = np.array(cells)
+    states = rollout_batch(np.tile(start, (len(cells), 1)), inputs, grid[:, 0], grid[:, 1])
+    errors = lengths(states[..., :2] - command_position[1:])
+    begin = lengths(start[None, :2] - command_position[:1])
+    rmse = np.sqrt((np.sum(errors * errors, axis=1) + begin[0] ** 2) / len(command_position))
+    good = (rmse <= tolerance).tolist()
+    return FrictionRange(
+        tolerance,
+        *_around(static, good[: len(static)], friction.static),
+        *_around(kinetic, good[len(static) :], friction.kinetic),
+    )
+
+
+def _grid(nominal: float, low: float, high: float) -> FloatArray:
+    """Return coefficients FRICTION_STEP apart from `low` to `high`, and `nominal` among them, (n,) increasing."""
+    count = int((high - low) / FRICTION_STEP + ROUNDING)
+    return np.unique(np.concatenate([low + FRICTION_STEP * np.arange(count + 1), [nominal]]))
+
+
+def _around(values: FloatArray, good: Sequence[bool], nominal: float) -> tuple[float | None, float | None]:
+    """Return the first and last of the values around `nominal` that are good without a gap."""
+    middle = values.tolist().index(nominal)
+    if not good[middle]:
+        return None, None
+    low = high = middle
+    while low > 0 and good[low - 1]:
+        low -= 1
+    while high + 1 < len(values) and good[high + 1]:
+        high += 1
+    return float(values[low]), float(values[high])
