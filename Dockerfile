@@ -8,7 +8,6 @@ COPY runtime ./runtime
 COPY train ./train
 COPY export ./export
 COPY server ./server
-COPY benchmarks ./benchmarks
 RUN python -m pip wheel --no-deps --wheel-dir /wheels .
 RUN python -m venv /opt/slide
 RUN /opt/slide/bin/python -m pip install --constraint constraints.txt "$(ls /wheels/slide_planner-*.whl)[server,refine]"

@@ -38,15 +38,15 @@ check: $(VENV)/dev.stamp docs ## lint, formatting, types, and the documentation 
 docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-bench: $(VENV)/dev.stamp ## accuracy on the suite, and speed beside torch
+bench: $(VENV)/dev.stamp ## accuracy, speed, control, refinement, long commands and training, beside their targets
 	$(BIN)/slide-bench
 
 bench-server: $(VENV)/dev.stamp ## the server under load, beside its targets
-	$(BIN)/python -m benchmarks.sections.server
+	$(BIN)/slide-bench server
 
 soak: $(VENV)/dev.stamp ## the same for half an hour, and 200 examples an operation of the OpenAPI document
 	SLIDE_EXAMPLES=200 $(BIN)/python -m pytest tests/server/http/test_openapi.py --timeout 7200
-	$(BIN)/python -m benchmarks.sections.server --soak
+	$(BIN)/slide-bench server --soak
 
 clean: ## remove the environment and what was built
 	rm -rf $(VENV) build out *.egg-info

@@ -1,6 +1,6 @@
-"""The command line: `slide-bench`.
+"""The command line: `slide-bench`, or `python -m benchmarks`.
 
-Exit codes: 0 every figure measured is what is asked for, 1 one is missed (said in one line), 2 bad input or usage.
+Exit codes: 0 every target is met, 1 one is not (said in one line), 2 bad input or usage, or nothing can be measured.
 """
 
 from __future__ import annotations
@@ -8,221 +8,229 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import asdict
-from enum import StrEnum
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, asdict, dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_origin, get_type_hints
 
-import numpy as np
 import typer
 
 from benchmarks.harness.machine import Machine, this_machine, versions
+from benchmarks.harness.section import NAME, Section, Subject
+from benchmarks.harness.tables import machine_table, print_tables
 from benchmarks.harness.targets import Verdict, judge
-from benchmarks.sections import accuracy, control, speed
-from benchmarks.sections import long as endurance
-from benchmarks.sections import refine as refinement
+from benchmarks.sections import accuracy, arm, control, long, peers, refine, server, speed, training
 from runtime.cli.console import DONE_BUT_MISSED, AsJson, print_json, run, say
 from runtime.documents.files import check_writable, write_whole
-from runtime.errors import install_line
-from runtime.friction import Friction
-from runtime.planner import Planner
+from runtime.errors import InputError, MissingExtraError
 
-NAME = "slide-bench"
-FORMAT = "slide-bench/1"
+FORMAT = "slide-bench/2"
 
-TRAIN_EXTRA = install_line("train")
+SECTIONS: dict[str, Section[Any, Any]] = {
+    module.SECTION.name: module.SECTION
+    for module in (accuracy, speed, control, refine, long, training, peers, arm, server)
+}
+"""The sections by their names, in the order in which they are measured."""
 
-
-class Section(StrEnum):
-    """What can be measured by itself."""
-
-    ACCURACY = "accuracy"
-    SPEED = "speed"
-    CONTROL = "control"
-    REFINE = "refine"
-    LONG = "long"
-    TRAINING = "training"
+USUAL = tuple(name for name, section in SECTIONS.items() if section.usual)
+"""Those that are measured where none is named."""
 
 
-TIMED = {Section.SPEED, Section.CONTROL, Section.REFINE, Section.TRAINING}
-"""What a busy machine spoils."""
+@dataclass(frozen=True)
+class Results:
+    """What was measured of one bundle.
+
+    Attributes:
+        subject: the bundle.
+        machine: what it was measured on.
+        figures: of each section that was not left out, by its name.
+        verdicts: on these, by the section's name.
+        notes: what was left out, and what spoils the figures.
+    """
+
+    subject: Subject
+    machine: Machine
+    figures: Mapping[str, Any]
+    verdicts: Mapping[str, Sequence[Verdict]]
+    notes: Sequence[str]
+
+    @property
+    def model(self) -> dict[str, Any]:
+        """What the bundle says of itself."""
+        bundle = self.subject.planner.bundle
+        names = ("name", "layers", "units", "precision")
+        return {name: getattr(bundle.manifest, name) for name in names} | {"sha256": bundle.sha256}
+
+    @property
+    def judged(self) -> list[Verdict]:
+        """The figures for which a target is set."""
+        return [each for verdicts in self.verdicts.values() for each in verdicts if each.met is not None]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON document, SI units throughout; a section that was not measured is absent."""
+        return {
+            "format": FORMAT,
+            "model": self.model,
+            "machine": asdict(self.machine),
+            "versions": versions(),
+            **{name: asdict(figures) for name, figures in self.figures.items()},
+            "notes": list(self.notes),
+            "targets": [
+                each.to_dict() | {"figure": f"{name}.{each.target.figure}"}
+                for name, verdicts in self.verdicts.items()
+                for each in verdicts
+                if each.met is not None
+            ],
+        }
 
 
-def bench_main() -> None:
-    """Entry point of `slide-bench`."""
-    # OpenMP reads this when torch loads it. With threads that spin while they wait, torch is slower by a multiple as
-    # soon as anything else runs, and a comparison with it would be a straw man.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    run(NAME, slide_bench)
+def measure_sections(
+    subject: Subject, settings: Mapping[str, Any], report: Callable[[str], None] = lambda _: None
+) -> Results:
+    """Measure sections of one bundle, one after the other.
+
+    Args:
+        subject: the bundle.
+        settings: of each section to measure, by its name.
+        report: told the name of each section as it begins.
+
+    Raises:
+        MissingExtraError: every section needs what is not installed.
+    """
+    machine = this_machine()
+    figures: dict[str, Any] = {}
+    verdicts: dict[str, list[Verdict]] = {}
+    notes: list[str] = []
+    for name in (name for name in SECTIONS if name in settings):
+        section = SECTIONS[name]
+        report(name)
+        try:
+            measured = section.measure(subject, settings[name])
+        except MissingExtraError as error:
+            notes.append(f"{name} is left out: {error}")
+            continue
+        figures[name] = measured.figures
+        verdicts[name] = judge(section.targets, asdict(measured.figures))
+        notes.extend(measured.notes)
+    if not figures:
+        raise MissingExtraError("; ".join(notes))
+    timed = [name for name in figures if SECTIONS[name].timed]
+    if machine.busy and timed:
+        load = f"the load was {machine.load:.1f} when this began"
+        notes.append(f"{load}: timings of {', '.join(timed)} on a busy machine say little")
+    return Results(subject, machine, figures, verdicts, notes)
+
+
+def _option_fields(settings: Any) -> list[Field[Any]]:
+    """Return the settings that are options of the program."""
+    return [each for each in fields(settings) if "help" in each.metadata]
+
+
+def _options() -> type[Any]:
+    """Return a dataclass of every section's options; what is None or empty was not given."""
+    found: dict[str, tuple[Any, Field[Any], list[str]]] = {}
+    for name, section in SECTIONS.items():
+        hints = get_type_hints(type(section.settings))
+        for each in _option_fields(section.settings):
+            found.setdefault(each.name, (hints[each.name], each, []))[2].append(name)
+    made = []
+    for name, (hint, each, sections) in found.items():
+        several = get_origin(hint) is tuple
+        metadata = {**each.metadata, "help": f"{each.metadata['help']} [{', '.join(sections)}]"}
+        default: Any = () if several else None
+        made.append((name, hint if several else hint | None, field(default=default, metadata=metadata)))
+    return make_dataclass("Options", made, frozen=True)
+
+
+Options = _options()
+"""The options of all sections: one that several sections have is the same for all of them."""
+
+
+def settings_of(chosen: Sequence[str], options: Any) -> dict[str, Any]:
+    """Return the settings of the chosen sections, with the options in the place of what they have by default.
+
+    Raises:
+        InputError: there is no section of that name, or none of the chosen ones has an option that was given.
+    """
+    for name in chosen:
+        if name not in SECTIONS:
+            raise InputError(f"unknown section {name!r}: known are {', '.join(SECTIONS)}")
+    given = {
+        name: value
+        for name, value in asdict(options).items()
+        if value is not None and value is not False and value != ()
+    }
+    settings, used = {}, set()
+    for name in chosen or USUAL:
+        default = SECTIONS[name].settings
+        own = {each.name: given[each.name] for each in _option_fields(default) if each.name in given}
+        settings[name] = replace(default, **own)
+        used |= set(own)
+    for name in given:
+        if name not in used:
+            having = [each for each in SECTIONS if hasattr(SECTIONS[each].settings, name)]
+            raise InputError(
+                f"--{name.replace('_', '-')} is an option of {', '.join(having)}: name it, or leave the option out"
+            )
+    return settings
 
 
 def slide_bench(
-    model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder; the shipped one if not given.", metavar="DIR")
+    options: Options,  # type: ignore[valid-type]
+    sections: Annotated[
+        list[str] | None, typer.Argument(metavar="SECTION", help="What to measure.", show_default=False)
     ] = None,
-    only: Annotated[
-        list[Section] | None,
-        typer.Option(
-            "--only", help="accuracy, speed, control, refine, long or training; may be repeated.", metavar="SECTION"
-        ),
+    model: Annotated[
+        str | None, typer.Option("--model", help="Bundle: a folder, or a shipped one.", metavar="DIR")
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the JSON object to.", metavar="FILE")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure accuracy on the suite, speed beside torch eager, a controller's deadlines, refinement beside the
-    optimizer, long and disturbed commands, and a training step."""
     if output is not None:
         check_writable(output)
-    machine, planner = this_machine(), Planner(model)
-    sections, notes = measure(only or list(Section), planner, model)
-    if machine.busy and TIMED & set(sections):
-        notes.append(f"the load was {machine.load:.1f} when this began: timings on a busy machine say little")
-    results = document(machine, planner, sections, notes)
-    verdicts = judge(results)
-    results["targets"] = [verdict.to_dict() for verdict in verdicts]
+    settings = settings_of(sections or (), options)
+    results = measure_sections(Subject.load(model), settings, _report)
+    document = results.to_dict()
     if output is not None:
-        write_whole(output, json.dumps(results, indent=2, allow_nan=False).encode() + b"\n")
+        write_whole(output, json.dumps(document, indent=2, allow_nan=False).encode() + b"\n")
     if as_json:
-        print_json(results)
+        print_json(document)
     else:
-        _print_results(machine, results["model"], sections, verdicts)
-    for note in notes:
+        print_tables([machine_table(results.machine, versions(), results.model)])
+        for name, figures in results.figures.items():
+            print_tables(SECTIONS[name].tables(figures, results.verdicts[name]))
+    for note in results.notes:
         say(NAME, f"note: {note}")
-    _conclude(verdicts)
+    unmet = [str(verdict) for verdict in results.judged if not verdict.met]
+    if unmet:
+        say(NAME, f"{len(unmet)} of {len(results.judged)} targets are not met: {'; '.join(unmet)}")
+        raise typer.Exit(DONE_BUT_MISSED)
 
 
-def measure(chosen: list[Section], planner: Planner, model: Path | None) -> tuple[dict[Section, Any], list[str]]:
-    """Measure the chosen sections, in their own order.
-
-    Returns:
-        The figures of each section, and what is to be said of those that were left out.
-    """
-    sections: dict[Section, Any] = {}
-    notes: list[str] = []
-    if Section.ACCURACY in chosen:
-        _progress("accuracy on the suite")
-        sections[Section.ACCURACY] = accuracy.measure_suite(accuracy.network(planner))
-    if Section.LONG in chosen:
-        _progress("long commands")
-        try:
-            sections[Section.LONG] = endurance.measure(planner)
-        except ModuleNotFoundError as error:
-            notes.append(f"long is left out: {error.name} is not installed; {TRAIN_EXTRA}")
-    if not TIMED & set(chosen):
-        return sections, notes
-    with one_torch_thread() as missing:
-        if Section.SPEED in chosen:
-            _progress("speed")
-            eager = None if missing else _eager_planner(model)
-            sections[Section.SPEED] = speed.measure(planner, eager, model)
-            if missing:
-                notes.append(f"torch eager is left out: {missing} is not installed; {TRAIN_EXTRA}")
-        if Section.CONTROL in chosen:
-            _progress("a controller's figures")
-            sections[Section.CONTROL] = control.measure(planner, model)
-        if Section.REFINE in chosen:
-            _progress("refinement")
-            peer = None if missing else _optimizer()
-            sections[Section.REFINE] = refinement.measure_refinement(planner, peer)
-            if missing:
-                notes.append(f"the optimizer is left out: {missing} is not installed; {TRAIN_EXTRA}")
-        if Section.TRAINING in chosen and missing:
-            notes.append(f"training is left out: {missing} is not installed; {TRAIN_EXTRA}")
-        elif Section.TRAINING in chosen:
-            _progress("training step")
-            from benchmarks.sections import training
-
-            sections[Section.TRAINING] = training.measure()
-    return sections, notes
+slide_bench.__doc__ = "\n".join(
+    [
+        "Measure the planner, and compare the figures with their targets.",
+        "",
+        "\b",
+        "Sections:",
+        *(f"  {name:9} {section.what}" for name, section in SECTIONS.items()),
+        "",
+        f"Without a section: {', '.join(USUAL)}. An option goes to every section that has it, named in brackets.",
+    ]
+)
 
 
-@contextmanager
-def one_torch_thread() -> Iterator[str]:
-    """Run torch on one thread; yields the name of the package that is missing for it, "" if none is."""
-    try:
-        import torch
-
-        import benchmarks.peers.torch_eager
-        import benchmarks.sections.training  # noqa: F401
-    except ModuleNotFoundError as error:
-        yield error.name or "torch"
-        return
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    with suppress(RuntimeError):  # can be set once, before the first of them starts; then nothing here uses them
-        torch.set_num_interop_threads(1)
-    try:
-        yield ""
-    finally:
-        torch.set_num_threads(threads)
-
-
-def _eager_planner(model: Path | None) -> Planner:
-    from benchmarks.peers.torch_eager import EagerPlanner
-
-    return EagerPlanner(model)
-
-
-def _optimizer() -> accuracy.PlanFunction:
-    from benchmarks.peers.cross_entropy import CrossEntropy
-
-    optimizer = CrossEntropy()
-    position = np.zeros((10, 2))
-    optimizer([position], [Friction()])  # compiles
-    return optimizer
-
-
-def document(machine: Machine, planner: Planner, sections: Mapping[Section, Any], notes: list[str]) -> dict[str, Any]:
-    """Return the results as a JSON document, SI units throughout; a section that was not measured is absent."""
-    manifest = planner.bundle.manifest
-    return {
-        "format": FORMAT,
-        "model": {
-            "name": manifest.name,
-            "sha256": planner.bundle.sha256,
-            "layers": manifest.layers,
-            "units": manifest.units,
-            "precision": manifest.precision,
-        },
-        "machine": asdict(machine),
-        "versions": versions(),
-        **{section.value: asdict(figures) for section, figures in sections.items()},
-        "notes": notes,
-    }
-
-
-def _print_results(
-    machine: Machine, model: Mapping[str, object], sections: Mapping[Section, Any], verdicts: list[Verdict]
-) -> None:
-    from benchmarks.harness import tables
-
-    print_section: dict[Section, Callable[..., list[Any]]] = {
-        Section.ACCURACY: tables.accuracy_tables,
-        Section.SPEED: tables.speed_tables,
-        Section.CONTROL: tables.control_tables,
-        Section.REFINE: tables.refine_tables,
-        Section.LONG: tables.long_tables,
-        Section.TRAINING: tables.training_tables,
-    }
-    tables.print_tables([tables.machine_table(machine, versions(), model)])
-    for section, figures in sections.items():
-        own = [verdict for verdict in verdicts if verdict.target.figure.startswith(f"{section.value}.")]
-        tables.print_tables(print_section[section](figures, own))
-
-
-def _progress(what: str) -> None:
+def _report(section: str) -> None:
     """Say on a terminal what is being measured; no bar, whose drawing would be measured too."""
     if sys.stderr.isatty():
-        say(NAME, f"measuring {what} ...")
+        say(NAME, f"measuring {section} ...")
 
 
-def _conclude(verdicts: list[Verdict]) -> None:
-    """Say which figures were missed; one makes the exit code 1."""
-    missed = [str(verdict) for verdict in verdicts if not verdict.met]
-    if missed:
-        say(NAME, f"missed {len(missed)} of {len(verdicts)}: {'; '.join(missed)}")
-        raise typer.Exit(DONE_BUT_MISSED)
+def bench_main() -> None:
+    """Entry point of `slide-bench` in a checkout."""
+    # OpenMP reads this when torch loads it. With threads that spin while they wait, torch is slower by a multiple as
+    # soon as anything else runs, and a comparison with it would be a straw man.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    run(NAME, slide_bench)

@@ -1,1 +1,1 @@
-"""How sections are measured, judged and printed."""
+"""How sections are measured, judged and printed; `benchmarks.harness.section` says what a section is."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
-
-import orjson
 
 from runtime.documents.checks import FloatArray
 
@@ -110,7 +109,7 @@ def get(path: str) -> bytes:
 
 def post_plan(position: FloatArray) -> bytes:
     """Return the bytes of a request for a plan."""
-    body = orjson.dumps({"command": {"dt": 0.001, "position": position.tolist()}})
+    body = json.dumps({"command": {"dt": 0.001, "position": position.tolist()}}).encode()
     head = f"POST /plan HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {len(body)}"
     return head.encode() + b"\r\n\r\n" + body
 

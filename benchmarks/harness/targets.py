@@ -1,9 +1,9 @@
-"""The figures asked for, in one table; what is measured is held against it."""
+"""A figure, what it should be, and whether it is."""
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,121 +11,110 @@ COMPARISONS = {"<=": operator.le, "<": operator.lt, ">=": operator.ge}
 
 
 @dataclass(frozen=True)
-class Target:
-    """One figure asked for.
+class Unit:
+    """How a figure is shown to a person.
 
     Attributes:
-        figure: where it stands in the results, keys joined by dots.
+        name: the unit's; "" for a plain number.
+        scale: what a value in SI units is multiplied by.
+        show: format of the product.
+    """
+
+    name: str
+    scale: float = 1.0
+    show: str = "{:.2f}"
+
+    def text(self, value: float) -> str:
+        """Return a value, which is in SI units, for a person, without the unit's name."""
+        return self.show.format(value * self.scale)
+
+    def with_name(self, text: str) -> str:
+        """Return a text followed by the unit's name, if it has one."""
+        return f"{text} {self.name}".rstrip()
+
+
+MILLIMETRES = Unit("mm", 1e3)
+SECONDS = Unit("s")
+MILLISECONDS = Unit("ms", 1e3)
+ACCELERATION = Unit("m/s^2")
+SAMPLES_PER_SECOND = Unit("samples/s", show="{:,.0f}")
+MEGABYTES = Unit("MB", 1e-6, "{:.1f}")
+PERCENT = Unit("%", 100.0, "{:.1f}")
+TIMES = Unit("x")
+COUNT = Unit("", show="{:,.0f}")
+
+
+@dataclass(frozen=True)
+class Target:
+    """One figure of a section, and what it should be.
+
+    Attributes:
+        figure: where it stands in the section's figures, names joined by dots.
         what: what it is, in words.
-        unit: in which a value is shown; "" for a plain number.
-        comparison: one of COMPARISONS: `value comparison limit` is to hold.
-        limit: in SI units, as the results are.
-        show: format of a value for a person.
-        scale: of `unit` in SI units: multiplies a value before it is shown.
+        unit: in which it is shown.
+        comparison: one of COMPARISONS: `value comparison limit` should hold; "" for a figure that is shown only.
+        limit: in SI units, as the figures are; None for a figure that is shown only.
     """
 
     figure: str
     what: str
-    unit: str
-    comparison: str
-    limit: float
-    show: str
-    scale: float = 1.0
+    unit: Unit
+    comparison: str = ""
+    limit: float | None = None
 
-    def met(self, value: float) -> bool:
-        """Return whether `value` is what was asked for."""
-        return bool(COMPARISONS[self.comparison](value, self.limit))
-
-    def text(self, value: float) -> str:
-        """Return `value` for a person, without its unit."""
-        return self.show.format(value * self.scale)
+    def met(self, value: float) -> bool | None:
+        """Return whether `value` is what it should be; None where nothing is set."""
+        return None if self.limit is None else bool(COMPARISONS[self.comparison](value, self.limit))
 
     @property
-    def asked(self) -> str:
-        """What is asked for, for a person, without its unit."""
-        return f"{self.comparison} {self.text(self.limit)}"
-
-
-TARGETS = (
-    Target("accuracy.families.spline.tracking_mean", "spline, mean RMSE", "mm", "<=", 1.3e-3, "{:.2f}", 1e3),
-    Target("accuracy.families.spline.tracking_max", "spline, worst RMSE", "mm", "<=", 6.0e-3, "{:.2f}", 1e3),
-    Target("accuracy.families.shapes.tracking_mean", "shapes, mean RMSE", "mm", "<=", 4.5e-3, "{:.2f}", 1e3),
-    Target("accuracy.families.shapes.tracking_max", "shapes, worst RMSE", "mm", "<=", 20e-3, "{:.2f}", 1e3),
-    Target("accuracy.friction_worst", "friction, worst cell", "mm", "<=", 2.5e-3, "{:.2f}", 1e3),
-    Target("accuracy.friction_ratio", "friction, worst cell over nominal", "x", "<=", 1.4, "{:.2f}"),
-    Target("accuracy.total.pan_reach_share", "pan reach up to 0.21 m", "%", ">=", 0.99, "{:.1f}", 100.0),
-    Target("accuracy.total.change_mean", "mean |du|", "m/s^2", "<=", 1.0, "{:.2f}"),
-    Target(
-        "accuracy.families.spline.no_better_than_unmoved", "spline, no better than a still pan", "", "<=", 0, "{:.0f}"
-    ),
-    Target("speed.single.samples_per_second.median", "single plan", "samples/s", ">=", 150e3, "{:,.0f}"),
-    Target("speed.compiled.samples_per_second.median", "single plan, numba's law", "samples/s", ">=", 150e3, "{:,.0f}"),
-    Target("speed.compiled.ratio_to_torch", "numba's law, over torch eager", "x", ">=", 5.0, "{:.2f}"),
-    Target("speed.batch.samples_per_second.median", "batch of 64", "samples/s", ">=", 500e3, "{:,.0f}"),
-    Target("speed.single.ratio_to_torch", "single plan over torch eager", "x", ">=", 5.0, "{:.2f}"),
-    Target(
-        "speed.large.samples_per_second.median", "single plan, 2 x 1024 units int8", "samples/s", ">=", 57e3, "{:,.0f}"
-    ),
-    Target("speed.large.ratio_to_torch", "2 x 1024 units over torch eager", "x", ">=", 5.5, "{:.2f}"),
-    Target("speed.slide_plan.median", "slide-plan, start to file", "s", "<=", 1.5, "{:.2f}"),
-    Target("control.step.p50", "stream step, median", "ms", "<=", 0.35e-3, "{:.2f}", 1e3),
-    Target("control.step.p99", "stream step, 99 %", "ms", "<=", 1e-3, "{:.2f}", 1e3),
-    Target("control.governor_share", "governor's share of planning", "%", "<=", 0.15, "{:.1f}", 100.0),
-    Target("control.first_plan.median", "process start to first plan", "s", "<=", 0.5, "{:.2f}"),
-    Target("control.memory", "memory of it", "MB", "<=", 110e6, "{:.0f}", 1e-6),
-    Target("refine.reduction", "refinement, error down by", "%", ">=", 0.25, "{:.1f}", 100.0),
-    Target("refine.worse", "refinement, commands made worse", "", "<=", 0, "{:.0f}"),
-    Target("refine.over_optimizer", "refined over optimizer, worst family", "x", "<=", 1.0, "{:.2f}"),
-    Target("long.windows.0.ratio", "60 s over short commands, worst", "x", "<=", 1.0, "{:.2f}"),
-    Target("long.recovery.ratio", "error after a push over nominal", "x", "<=", 2.0, "{:.2f}"),
-    Target("training.step.median", "forward + backward", "s", "<=", 0.4, "{:.3f}"),
-    Target("training.friction_share", "friction's share of it", "%", "<", 0.1, "{:.1f}", 100.0),
-)
+    def text(self) -> str:
+        """What the figure should be, for a person, without its unit; "" where nothing is set."""
+        return "" if self.limit is None else f"{self.comparison} {self.unit.text(self.limit)}"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A target and what was measured."""
+    """A target and what was measured; `met` is None where nothing is set."""
 
     target: Target
     value: float
-    met: bool
+    met: bool | None
 
     def __str__(self) -> str:
         """Return one line for a person."""
-        unit = f" {self.target.unit}" if self.target.unit else ""
-        return f"{self.target.what} {self.target.text(self.value)} (asked {self.target.asked}{unit})"
+        target, unit = self.target, self.target.unit
+        value = unit.text(self.value)
+        should = f" (target {unit.with_name(target.text)})" if target.text else ""
+        return f"{target.what} {value}{should}" if should else f"{target.what} {unit.with_name(value)}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        return {
-            "figure": self.target.figure,
-            "value": self.value,
-            "asked": f"{self.target.comparison} {self.target.limit:g}",
-            "met": self.met,
-        }
+        """Return the JSON document; the target and the value are in SI units."""
+        target = self.target
+        should = None if target.limit is None else f"{target.comparison} {target.limit:g}"
+        return {"figure": target.figure, "value": self.value, "target": should, "met": self.met}
 
 
-def judge(results: Mapping[str, Any]) -> list[Verdict]:
-    """Hold every figure that was measured against what is asked of it.
+def judge(targets: Iterable[Target], figures: Mapping[str, Any]) -> list[Verdict]:
+    """Compare every figure that was measured with its target.
 
     Args:
-        results: the results as a JSON document; a section that is absent or null was not measured.
+        targets: of a section.
+        figures: the section's, as a JSON document; one that is absent or null was not measured.
     """
     verdicts = []
-    for target in TARGETS:
-        value = _look_up(results, target.figure)
+    for target in targets:
+        value = _look_up(figures, target.figure)
         if value is not None:
             verdicts.append(Verdict(target, value, target.met(value)))
     return verdicts
 
 
-def _look_up(results: Mapping[str, Any], figure: str) -> float | None:
+def _look_up(figures: Mapping[str, Any], figure: str) -> float | None:
     """Return the value at a dotted path, None if there is none."""
-    found: Any = results
+    found: Any = figures
     for key in figure.split("."):
         if isinstance(found, (list, tuple)):
-            found = found[int(key)]
+            found = found[int(key)] if int(key) < len(found) else None
         else:
             found = found.get(key) if isinstance(found, Mapping) else None
     return None if found is None else float(found)

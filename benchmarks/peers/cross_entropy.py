@@ -8,14 +8,21 @@ best, fits mean and spread to them, draws again, and executes the beginning of t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numba
 import numpy as np
 
-from benchmarks.peers.objective import HORIZON, KNOT, REPLAN, bounded, held_command, move, price_of_change
+from benchmarks.peers.objective import (
+    HORIZON,
+    KNOT,
+    REPLAN,
+    SamplingPlanner,
+    bounded,
+    held_command,
+    move,
+    price_of_change,
+)
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.law import GRAVITY
@@ -30,28 +37,10 @@ WARM_SPREAD = 5.0
 """Standard deviation of knots carried over from the last planning (m/s^2)."""
 
 
-@dataclass(frozen=True)
-class CrossEntropy:
-    """The planner; calling it is a `benchmarks.accuracy.PlanFunction`.
+class CrossEntropy(SamplingPlanner):
+    """The planner; in an iteration, mean and spread are fitted to the best candidates."""
 
-    Attributes:
-        candidates: number of candidates drawn in an iteration.
-        iterations: number of times mean and spread are fitted in a planning.
-        seed: of the candidates.
-    """
-
-    candidates: int = 512
-    iterations: int = 20
-    seed: int = 0
-
-    @property
-    def name(self) -> str:
-        """How tables call it."""
-        return f"CEM {self.candidates} x {self.iterations}"
-
-    def __call__(self, positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
-        """Plan the commands one after the other: (K, 2) positions (m) to (K, 2) pan accelerations (m/s^2)."""
-        return [self.plan(position, friction) for position, friction in zip(positions, frictions, strict=True)]
+    KIND = "CEM"
 
     def plan(self, position: FloatArray, friction: Friction) -> FloatArray:
         """Plan one command."""

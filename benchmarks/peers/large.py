@@ -15,14 +15,12 @@ from runtime.friction import Friction
 from runtime.network.manifest import DECODER_STEP, ENCODER, GraphFile, Manifest
 from runtime.physics.law import DT
 
-UNITS = 1024
-
 GAIN = 40.0
 """By which the drawn output weights are multiplied, so that the object slides as under a trained network."""
 
 
-def write_large(folder: Path) -> Path:
-    """Write the bundle into an empty folder, and return it."""
+def write_large(folder: Path, units: int) -> Path:
+    """Write the bundle, with two layers of `units`, into an empty folder, and return it."""
     nothing = GraphFile("none", "0" * 64)
     manifest = Manifest(
         name="large",
@@ -32,7 +30,7 @@ def write_large(folder: Path) -> Path:
         chunk=100,
         dt=DT,
         layers=2,
-        units=UNITS,
+        units=units,
         command_ahead=2,
         acceleration_bound=30.0,
         friction=Friction(),

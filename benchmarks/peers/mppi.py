@@ -8,8 +8,6 @@ operations that a law in torch would take at every sample.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numba
@@ -18,7 +16,7 @@ import torch
 from pytorch_mppi import MPPI
 from torch import Tensor
 
-from benchmarks.peers.objective import ACCELERATION, HORIZON, KNOT, REPLAN, bounded, held_command, move, price_of_change
+from benchmarks.peers import objective
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.law import GRAVITY
@@ -33,43 +31,25 @@ WIDTH = 11
 """Numbers in a state: eight of pan and object, two of the acceleration before, and the price of the last knot."""
 
 
-@dataclass(frozen=True)
-class PathIntegral:
-    """The planner; calling it is a `benchmarks.accuracy.PlanFunction`.
+class PathIntegral(objective.SamplingPlanner):
+    """The planner; in an iteration, the nominal plan is moved by the candidates, which are perturbations of it."""
 
-    Attributes:
-        candidates: number of perturbations drawn in an iteration.
-        iterations: number of times the nominal plan is moved in a planning.
-        seed: of the perturbations.
-    """
-
-    candidates: int = 512
-    iterations: int = 20
-    seed: int = 0
-
-    @property
-    def name(self) -> str:
-        """How tables call it."""
-        return f"MPPI {self.candidates} x {self.iterations}"
-
-    def __call__(self, positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
-        """Plan the commands one after the other: (K, 2) positions (m) to (K, 2) pan accelerations (m/s^2)."""
-        return [self.plan(position, friction) for position, friction in zip(positions, frictions, strict=True)]
+    KIND = "MPPI"
 
     def plan(self, position: FloatArray, friction: Friction) -> FloatArray:
         """Plan one command."""
-        law = _Law(held_command(position), friction)
+        law = _Law(objective.held_command(position), friction)
         samples = len(position)
-        u = np.empty((samples + KNOT * REPLAN, 2))
+        u = np.empty((samples + objective.KNOT * objective.REPLAN, 2))
         with torch.random.fork_rng(devices=[]), torch.no_grad():
             torch.manual_seed(self.seed)
             controller = self._controller(law)
-            for law.first in range(0, samples, KNOT * REPLAN):
-                for _ in range(REPLAN if law.first else 0):
+            for law.first in range(0, samples, objective.KNOT * objective.REPLAN):
+                for _ in range(objective.REPLAN if law.first else 0):
                     controller.shift_nominal_trajectory()
                 for _ in range(self.iterations):
                     controller.command(torch.from_numpy(law.state), shift_nominal_trajectory=False)
-                law.execute(controller.get_action_sequence()[:REPLAN].numpy(), u)
+                law.execute(controller.get_action_sequence()[: objective.REPLAN].numpy(), u)
         return u[:samples]
 
     def _controller(self, law: _Law) -> MPPI:
@@ -79,10 +59,10 @@ class PathIntegral:
             nx=WIDTH,
             noise_sigma=SPREAD**2 * torch.eye(2, dtype=torch.float64),
             num_samples=self.candidates,
-            horizon=HORIZON,
+            horizon=objective.HORIZON,
             lambda_=TEMPERATURE,
-            u_max=torch.full((2,), ACCELERATION, dtype=torch.float64),
-            U_init=torch.zeros(HORIZON, 2, dtype=torch.float64),
+            u_max=torch.full((2,), objective.ACCELERATION, dtype=torch.float64),
+            U_init=torch.zeros(objective.HORIZON, 2, dtype=torch.float64),
             step_dependent_dynamics=True,
         )
 
@@ -104,7 +84,7 @@ class _Law:
     def step(self, states: Tensor, u: Tensor, knot: int) -> Tensor:
         """Move (n, WIDTH) states by (n, 2) accelerations through the knot of that number in the horizon."""
         moved = states.numpy().copy()
-        _move_all(moved, u.numpy(), self._command, self.first + KNOT * knot, *self._limits)
+        _move_all(moved, u.numpy(), self._command, self.first + objective.KNOT * knot, *self._limits)
         return torch.from_numpy(moved)
 
     def price(self, states: Tensor, u: Tensor, knot: int) -> Tensor:
@@ -114,8 +94,8 @@ class _Law:
     def execute(self, knots: FloatArray, u: FloatArray) -> None:
         """Move the state by the first knots of a plan, (n, 2), and write their samples into `u`."""
         for knot, (ux, uy) in enumerate(knots):
-            begin = self.first + KNOT * knot
-            u[begin : begin + KNOT] = bounded(ux, uy)
+            begin = self.first + objective.KNOT * knot
+            u[begin : begin + objective.KNOT] = objective.bounded(ux, uy)
             _move_all(self.state[None], u[None, begin], self._command, begin, *self._limits)
 
 
@@ -124,7 +104,7 @@ def _move_all(states: Any, u: Any, command: Any, first: int, static_limit: float
     """Move states (n, WIDTH) in place, each by its own acceleration, and leave the price in the last column."""
     for row in range(len(states)):
         state = states[row]
-        ux, uy = bounded(u[row, 0], u[row, 1])
-        price = price_of_change(ux, uy, state[8], state[9])
-        state[10] = price + move(state, ux, uy, command, first, static_limit, kinetic_limit)
+        ux, uy = objective.bounded(u[row, 0], u[row, 1])
+        price = objective.price_of_change(ux, uy, state[8], state[9])
+        state[10] = price + objective.move(state, ux, uy, command, first, static_limit, kinetic_limit)
         state[8], state[9] = ux, uy

@@ -1,4 +1,4 @@
-"""What the sampling planners plan with, all the same: the compiled law of friction, the price of a motion, the bounds.
+"""What the sampling planners share: the compiled law of friction, the price of a motion, the bounds, the effort.
 
 A plan is a sequence of knots, in each of which the acceleration is constant. A state is eight numbers: pan x, y, vx, vy
 in the world, object x, y, vx, vy relative to the pan (m, m/s).
@@ -6,12 +6,16 @@ in the world, object x, y, vx, vy relative to the pan (m, m/s).
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numba
 import numpy as np
 
 from runtime.documents.checks import FloatArray
+from runtime.friction import Friction
 from runtime.physics.law import DT, slide_step
 
 KNOT = 10
@@ -36,6 +40,36 @@ CHANGE_PRICE = 2e-8
 """Price of a change of acceleration between knots, per (m/s^2)^2, against 1 per metre squared of tracking error."""
 
 _step = numba.njit(slide_step)
+
+
+@dataclass(frozen=True)
+class SamplingPlanner(ABC):
+    """A planner that draws candidates; calling it is a `benchmarks.suite.outcome.PlanFunction`.
+
+    Attributes:
+        candidates: number of candidates drawn in an iteration.
+        iterations: number of times the plan is improved by them in a planning.
+        seed: of the candidates.
+    """
+
+    KIND: ClassVar[str]
+
+    candidates: int = 512
+    iterations: int = 20
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """How tables call it."""
+        return f"{self.KIND} {self.candidates} x {self.iterations}"
+
+    def __call__(self, positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
+        """Plan the commands one after the other: (K, 2) positions (m) to (K, 2) pan accelerations (m/s^2)."""
+        return [self.plan(position, friction) for position, friction in zip(positions, frictions, strict=True)]
+
+    @abstractmethod
+    def plan(self, position: FloatArray, friction: Friction) -> FloatArray:
+        """Plan one command."""
 
 
 def held_command(position: FloatArray) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,9 +35,7 @@ def screenshots(
     executable = chromium()
     if executable is None:
         raise InputError("no Chromium here: install it, or name it in SLIDE_CHROMIUM")
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with serving(port), sync_playwright() as playwright, tempfile.TemporaryDirectory() as made:
+    with serving() as (port, _), sync_playwright() as playwright, tempfile.TemporaryDirectory() as made:
         browser = playwright.chromium.launch(executable_path=executable, args=ARGUMENTS)
         _take_page(browser, port, folder / "page-wide.png", 1280, "light", "Signature")
         _take_page(browser, port, folder / "page-narrow.png", 360, "light", "Eight")

@@ -10,8 +10,9 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks.sections.accuracy import BATCH, PlanFunction, measured_states, network
+from benchmarks.harness.tables import print_tables, table
 from benchmarks.suite.families import lengths
+from benchmarks.suite.outcome import PlanFunction, measured_states, network
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM, AsJson, print_json, run, say
 from runtime.documents.checks import FloatArray
@@ -83,7 +84,7 @@ def main(
     """Plan the suite under nominal friction, draw the worst commands, and say what they have in common."""
     if output is not None:
         check_writable(output)
-    tracked = track(network(Planner(model), BATCH), [name for name in FAMILIES if name != "friction"])
+    tracked = track(network(Planner(model)), [name for name in FAMILIES if name != "friction"])
     worst, traits = tracked[:WORST], compare(tracked)
     if output is not None:
         with extra("report"):
@@ -151,8 +152,6 @@ def draw(figure_class: Any, worst: Sequence[Tracked]) -> Any:
 
 
 def _print(worst: Sequence[Tracked], traits: Sequence[Trait], count: int) -> None:
-    from benchmarks.harness.tables import print_tables, table
-
     lines = [(each.label, f"{MM * each.rmse:.2f}", f"{MM * each.pan_reach:.0f}") for each in worst]
     shared = []
     for trait in traits:

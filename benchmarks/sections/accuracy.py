@@ -1,59 +1,37 @@
-"""How well somebody plans: the figures of the suite, from nothing but the pan accelerations that were planned.
-
-A planner of any kind is measured as a `PlanFunction`. What it predicts of its own plan is not asked: pan and object
-are moved here, by the double integrator and the law of friction.
-"""
+"""How well the network plans: the figures of the suite."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from rich.table import Table
 
-from benchmarks.suite.families import FRICTION_GRID, Family, lengths
-from benchmarks.suite.suite import suite
-from runtime.documents.checks import FloatArray
-from runtime.errors import InputError
-from runtime.friction import Friction
-from runtime.physics.law import rollout_batch
-from runtime.physics.pan import integrate_pan
-from runtime.planner import Planner
-
-PlanFunction = Callable[[Sequence[FloatArray], Sequence[Friction]], Sequence[FloatArray]]
-"""Plans: (K, 2) command positions (m) and the friction of each, to (K, 2) pan accelerations (m/s^2) for each."""
-
-PAN_REACH = 0.21
-"""Pan reach up to which a plan counts as within its limit of 0.2 m (m)."""
-
-BATCH = 64
-"""Commands handed to the network at once."""
+from benchmarks.harness.section import Measured, Section, Subject, at_least
+from benchmarks.harness.tables import table, targets_table
+from benchmarks.harness.targets import ACCELERATION, COUNT, MILLIMETRES, PERCENT, TIMES, Target, Verdict
+from benchmarks.suite.families import FRICTION_GRID
+from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, network, plan_family
+from benchmarks.suite.suite import FAMILIES, suite
+from runtime.cli.console import MM
+from runtime.documents.options import option
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What one family's plans led to, one entry a command.
+@dataclass(frozen=True)
+class AccuracySettings:
+    """Which commands are planned.
 
     Attributes:
-        family: the commands.
-        tracking: root mean square distance between object and command (m).
-        unmoved: the same for a pan that never moves, which leaves the object at its start (m).
-        pan_reach: largest distance of the pan from where it began (m).
-        acceleration_max: largest |u| (m/s^2).
-        acceleration_mean: mean |u| over the samples (m/s^2).
-        change_mean: mean |u[k] - u[k-1]| over the samples (m/s^2).
-        planning_time: time all of the plans took (s).
+        family: names of the families.
+        commands: the first ones of each family; all if None.
     """
 
-    family: Family
-    tracking: FloatArray
-    unmoved: FloatArray
-    pan_reach: FloatArray
-    acceleration_max: FloatArray
-    acceleration_mean: FloatArray
-    change_mean: FloatArray
-    planning_time: float
+    family: tuple[str, ...] = option("Family of the suite, or letters; may be repeated.", tuple(FAMILIES), "NAME")
+    commands: int | None = option("Only the first commands of each family.", metavar="N")
+
+    def __post_init__(self) -> None:
+        at_least(1, commands=self.commands)
 
 
 @dataclass(frozen=True)
@@ -117,16 +95,39 @@ class Accuracy:
     friction_ratio: float | None
 
 
-def measure_suite(plan: PlanFunction, names: Iterable[str] | None = None) -> Accuracy:
-    """Measure a planner on the families of these names, all of them if None.
+TARGETS = (
+    Target("families.spline.tracking_mean", "spline, mean RMSE", MILLIMETRES, "<=", 1.3e-3),
+    Target("families.spline.tracking_max", "spline, worst RMSE", MILLIMETRES, "<=", 6.0e-3),
+    Target("families.shapes.tracking_mean", "shapes, mean RMSE", MILLIMETRES, "<=", 4.5e-3),
+    Target("families.shapes.tracking_max", "shapes, worst RMSE", MILLIMETRES, "<=", 20e-3),
+    Target("friction_worst", "friction, worst cell", MILLIMETRES, "<=", 2.5e-3),
+    Target("friction_ratio", "friction, worst cell over nominal", TIMES, "<=", 1.4),
+    Target("total.pan_reach_share", "pan reach up to 0.21 m", PERCENT, ">=", 0.99),
+    Target("total.change_mean", "mean |du|", ACCELERATION, "<=", 1.0),
+    Target("families.spline.no_better_than_unmoved", "spline, no better than a still pan", COUNT, "<=", 0),
+)
+
+
+def measure_accuracy(subject: Subject, settings: AccuracySettings) -> Measured:
+    """Plan the suite with the network.
+
+    Raises:
+        InputError: there is no family of that name.
+    """
+    return Measured(accuracy_of(network(subject.planner), settings))
+
+
+def accuracy_of(plan: PlanFunction, settings: AccuracySettings) -> Accuracy:
+    """Plan the suite with any planner.
 
     Raises:
         InputError: there is no family of that name, or a plan is no plan.
     """
-    outcomes = {name: measure(plan, family) for name, family in suite(names).items()}
+    chosen = {name: family.first(settings.commands) for name, family in suite(settings.family).items()}
+    outcomes = {name: plan_family(plan, family) for name, family in chosen.items()}
     nominal = [outcome for name, outcome in outcomes.items() if name != "friction"]
     families = {name: figures([outcome]) for name, outcome in outcomes.items()}
-    friction = friction_table(outcomes["friction"]) if "friction" in outcomes else ()
+    friction = friction_cells(outcomes["friction"]) if "friction" in outcomes else ()
     worst = max((cell.tracking_mean for cell in friction), default=None)
     return Accuracy(
         families=families,
@@ -134,44 +135,6 @@ def measure_suite(plan: PlanFunction, names: Iterable[str] | None = None) -> Acc
         friction=friction,
         friction_worst=worst,
         friction_ratio=worst / families["spline"].tracking_mean if worst is not None and "spline" in families else None,
-    )
-
-
-def network(planner: Planner, batch: int = BATCH) -> PlanFunction:
-    """Return the network as a plan function, `batch` commands at a time; it is not told the friction it decodes in."""
-
-    def plan(positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
-        accelerations: list[FloatArray] = []
-        for begin in range(0, len(positions), batch):
-            some = slice(begin, begin + batch)
-            plans = planner.plan_batch(positions[some], friction=frictions[some])
-            accelerations += [plan.pan_acceleration for plan in plans]
-        return accelerations
-
-    return plan
-
-
-def measure(plan: PlanFunction, family: Family) -> Outcome:
-    """Plan all of a family's commands and see where pan and object go.
-
-    Raises:
-        InputError: a plan is not (K, 2) finite numbers; the command is named.
-    """
-    begin = time.perf_counter()
-    planned = plan(family.positions, family.frictions)
-    planning_time = time.perf_counter() - begin
-    accelerations = _checked(planned, family)
-    states = _move(accelerations, family)
-    change = [lengths(np.diff(u, axis=0)) for u in accelerations]
-    return Outcome(
-        family=family,
-        tracking=np.array([_rms(s[:, 4:6] - p) for s, p in zip(states, family.positions, strict=True)]),
-        unmoved=np.array([_rms(p - p[0]) for p in family.positions]),
-        pan_reach=np.array([lengths(s[:, :2]).max() for s in states]),
-        acceleration_max=np.array([lengths(u).max() for u in accelerations]),
-        acceleration_mean=np.array([lengths(u).mean() for u in accelerations]),
-        change_mean=np.array([each.mean() for each in change]),
-        planning_time=planning_time,
     )
 
 
@@ -201,55 +164,74 @@ def figures(outcomes: Sequence[Outcome]) -> Figures:
     )
 
 
-def friction_table(outcome: Outcome) -> tuple[FrictionCell, ...]:
-    """Return the mean tracking RMSE of the family `friction` under each friction of the grid."""
+def friction_cells(outcome: Outcome) -> tuple[FrictionCell, ...]:
+    """Return the mean tracking RMSE of the family `friction` under each friction of the grid that it has."""
     frictions = np.array([(each.static, each.kinetic) for each in outcome.family.frictions])
+    cells = {
+        (each.static, each.kinetic): (frictions == (each.static, each.kinetic)).all(axis=1) for each in FRICTION_GRID
+    }
     return tuple(
-        FrictionCell(*cell, float(outcome.tracking[(frictions == cell).all(axis=1)].mean()))
-        for cell in [(each.static, each.kinetic) for each in FRICTION_GRID]
+        FrictionCell(*cell, float(outcome.tracking[rows].mean())) for cell, rows in cells.items() if rows.any()
     )
 
 
-def measured_states(planned: Sequence[FloatArray], family: Family) -> list[FloatArray]:
-    """Return where pan and object go, one (K, 8) array a command, in the rows of `runtime.plan`.
-
-    Raises:
-        InputError: a plan is not (K, 2) finite numbers; the command is named.
-    """
-    return _move(_checked(planned, family), family)
-
-
-def _checked(planned: Sequence[FloatArray], family: Family) -> list[FloatArray]:
-    if len(planned) != len(family):
-        raise InputError(f"{family.name}: {len(planned)} plans for {len(family)} commands")
-    accelerations = [np.asarray(u, dtype=np.float64) for u in planned]
-    for u, position, label in zip(accelerations, family.positions, family.labels, strict=True):
-        if u.shape != position.shape:
-            raise InputError(f"{label}: pan acceleration must have the shape {position.shape}, got {u.shape}")
-        if not np.isfinite(u).all():
-            raise InputError(f"{label}: pan acceleration holds a value that is no finite number")
-    return accelerations
-
-
-def _move(accelerations: Sequence[FloatArray], family: Family) -> list[FloatArray]:
-    """Move pan and object from rest, all commands in one batch; shorter ones are padded behind their end.
-
-    Returns:
-        One (K, 8) array a command: states (pan, object) at t_0..t_(K-1), in the rows of `runtime.plan`.
-    """
-    longest = max(len(u) for u in accelerations)
-    u = np.zeros((len(accelerations), longest - 1, 2))
-    for row, each in zip(u, accelerations, strict=True):
-        row[: len(each) - 1] = each[:-1]  # the last one leads out of the command
-    start = np.zeros((len(u), 1, 8))
-    start[:, 0, 4:6] = [position[0] for position in family.positions]
-    static = np.array([each.static for each in family.frictions])
-    kinetic = np.array([each.kinetic for each in family.frictions])
-    sliding = rollout_batch(start[:, 0, 4:], u, static, kinetic)
-    after = np.concatenate([integrate_pan(start[:, 0, :4], u), sliding], axis=-1)
-    states = np.concatenate([start, after], axis=1)
-    return [each[: len(position)] for each, position in zip(states, family.positions, strict=True)]
+def accuracy_tables(accuracy: Accuracy, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the accuracy of each family, beside its targets."""
+    rows = {name: each for name, each in accuracy.families.items() if name != "friction"}
+    rows["together"] = accuracy.total
+    if "friction" in accuracy.families:
+        rows["friction"] = accuracy.families["friction"]
+    tables = [
+        table(
+            "Tracking RMSE (mm)",
+            ("family", "commands", "mean", "median", "95 %", "worst", "worst command"),
+            [_tracking_row(name, each) for name, each in rows.items()],
+        ),
+        table(
+            "Pan reach (mm), pan acceleration u (m/s^2), planning speed",
+            ("family", "mean", "worst", f"<= {PAN_REACH * MM:.0f}", "max |u|", "mean |u|", "mean |du|", "samples/s"),
+            [_pan_row(name, each) for name, each in rows.items()],
+        ),
+    ]
+    if accuracy.friction:
+        tables.append(_friction_table(accuracy))
+    return [*tables, *targets_table("Accuracy", verdicts)]
 
 
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.sum(error * error, axis=1))))
+def _tracking_row(name: str, figures: Figures) -> tuple[str, ...]:
+    lengths = (figures.tracking_mean, figures.tracking_median, figures.tracking_p95, figures.tracking_max)
+    return (name, f"{figures.commands}", *(f"{length * MM:.2f}" for length in lengths), figures.worst)
+
+
+def _pan_row(name: str, figures: Figures) -> tuple[str, ...]:
+    return (
+        name,
+        f"{figures.pan_reach_mean * MM:.0f}",
+        f"{figures.pan_reach_max * MM:.0f}",
+        f"{figures.pan_reach_share:.0%}",
+        f"{figures.acceleration_max:.1f}",
+        f"{figures.acceleration_mean:.2f}",
+        f"{figures.change_mean:.3f}",
+        f"{figures.samples_per_second:,.0f}",
+    )
+
+
+def _friction_table(accuracy: Accuracy) -> Table:
+    static = sorted({cell.static for cell in accuracy.friction})
+    kinetic = sorted({cell.kinetic for cell in accuracy.friction})
+    means = {(cell.static, cell.kinetic): f"{cell.tracking_mean * MM:.2f}" for cell in accuracy.friction}
+    return table(
+        "Mean tracking RMSE (mm) of `spline` by friction",
+        ("kinetic \\ static", *(f"{each:g}" for each in static)),
+        [(f"{row:g}", *(means.get((column, row), "") for column in static)) for row in kinetic],
+    )
+
+
+SECTION = Section(
+    "accuracy",
+    "tracking error, pan reach and smoothness on the suite",
+    AccuracySettings(),
+    measure_accuracy,
+    TARGETS,
+    accuracy_tables,
+)

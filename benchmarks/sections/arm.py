@@ -1,22 +1,21 @@
-"""The simulated arm's figures: `python -m benchmarks.sections.arm --model DIR`, beside what is asked for.
+"""The simulated arm: how well pan and object follow, what control and observer are worth, and how fast it is.
 
-Each is measured over a set of runs, never over one: a change in the last digit of a number shifts where the object of
-a single run ends by a millimetre or two.
-
-Exit codes: 0 every figure is what is asked for, 1 one is missed (said in one line), 2 bad input or usage.
+Each figure is of a set of runs, never of one: a change in the last digit of a number shifts where the object of one run
+ends by a millimetre or two.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
+from rich.table import Table
 
+from benchmarks.harness.section import Measured, Section, Subject, at_least
+from benchmarks.harness.tables import targets_table
+from benchmarks.harness.targets import COUNT, MILLIMETRES, TIMES, Target, Unit, Verdict
 from benchmarks.suite.families import minimum_jerk, spline
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
 from runtime.arm.motion import plan_of_motion
@@ -24,22 +23,18 @@ from runtime.arm.results import Results, judge
 from runtime.arm.run import closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera
-from runtime.cli.console import DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
+from runtime.documents.options import option
+from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.physics.law import DT
 from runtime.plan import Plan
 from runtime.planner import Planner
-
-NAME = "benchmarks.sections.arm"
 
 FRICTION = 0.5
 """The friction of the paper's pybullet, static and kinetic (Section V-A)."""
 
 SLIPPERY = Friction(FRICTION, FRICTION)
 """The law's friction under which it is what pybullet simulates."""
-
-MOTIONS = 12
-PLANS = 20
 
 SAMPLES = 1200
 PEAKS = (8.0, 15.0)
@@ -62,33 +57,153 @@ FRAME = (320, 240)
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One measured figure.
+class ArmSettings:
+    """How many runs.
 
     Attributes:
-        what: its name.
-        value: what was measured.
-        reach: what is asked for; None for a figure that stands beside another.
-        at_least: whether more is better.
-        unit: of both.
+        plans: of the network, for the first commands of `spline`.
+        motions: test motions.
+        repeated: of these that are run twice.
+        pictures: rendered.
     """
 
-    what: str
-    value: float
-    reach: float | None
-    unit: str = "mm"
-    at_least: bool = False
+    plans: int = option("The network's plans to execute on the arm, up to 64.", 20, "N")
+    motions: int = option("Test motions to execute on the arm.", 12, "N")
+    repeated: int = 3
+    pictures: int = 30
 
-    @property
-    def met(self) -> bool:
-        """Whether the figure is what is asked for."""
-        if self.reach is None:
-            return True
-        return self.value >= self.reach if self.at_least else self.value <= self.reach
+    def __post_init__(self) -> None:
+        at_least(1, plans=self.plans, motions=self.motions)
+        if self.plans > len(spline()):
+            raise InputError(f"--plans must be at most {len(spline())}, got {self.plans}")
 
-    def __str__(self) -> str:
-        asked = "" if self.reach is None else f" ({'>=' if self.at_least else '<='} {self.reach:g})"
-        return f"{self.value:.3g} {self.unit}{asked}{'' if self.met else ', MISSED'}".replace("  ", " ")
+
+@dataclass(frozen=True)
+class PanTracking:
+    """Test motions with full control.
+
+    Attributes:
+        rms_worst: distance between the pan and its command, root mean square over a run, the worst run (m).
+        max_worst: largest distance of all (m).
+        attitude_worst: largest deviation of the pan's attitude (rad).
+        law_median, law_worst: distance between the object and the law of friction, root mean square over a run (m).
+        real_time_factor: simulated time over the time it took, median.
+    """
+
+    rms_worst: float
+    max_worst: float
+    attitude_worst: float
+    law_median: float
+    law_worst: float
+    real_time_factor: float
+
+
+@dataclass(frozen=True)
+class Observer:
+    """What the disturbance observer is worth when the model is wrong, on test motions.
+
+    Attributes:
+        without_median, with_median: pan to its command, root mean square over a run (m).
+        reduction_least: the first over the second, in the run where this is smallest.
+    """
+
+    without_median: float
+    with_median: float
+    reduction_least: float
+
+
+@dataclass(frozen=True)
+class NetworkPlans:
+    """The network's plans on the arm.
+
+    Attributes:
+        pan_rms_worst: pan to its command, root mean square over a run, the worst run, open and closed loop (m).
+        pan_max_worst: the largest distance of all of these (m).
+        closed_mean, closed_median, closed_worst: object to command in closed loop, root mean square over a run (m).
+        law_mean: the same by the law alone, under the simulator's friction (m).
+        closed_over_law: the first over that.
+        open_mean, open_worst: object to command in open loop (m).
+        paper_closed_mean, paper_open_mean: the same with the controller of Fig. 7 (m).
+        closed_lost, open_lost, paper_lost: runs whose object left the pan or toppled.
+        held_back: runs in which a limit held the arm back, open and closed loop.
+        torque_peak: (N m).
+        speed_peak: of a joint (rad/s).
+    """
+
+    pan_rms_worst: float
+    pan_max_worst: float
+    closed_mean: float
+    closed_median: float
+    closed_worst: float
+    law_mean: float
+    closed_over_law: float
+    open_mean: float
+    open_worst: float
+    paper_closed_mean: float
+    paper_open_mean: float
+    closed_lost: int
+    open_lost: int
+    paper_lost: int
+    held_back: int
+    torque_peak: float
+    speed_peak: float
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Everything this section measures.
+
+    Attributes:
+        pan: test motions with full control.
+        paper_control: pan to its command with the controller of Fig. 7, test motions, root mean square, median (m).
+        observer: test motions with a wrong model.
+        network: the network's plans.
+        differing: test motions whose second run differs from the first in any bit.
+        frame_time: processor time of a picture, median (s).
+    """
+
+    pan: PanTracking
+    paper_control: float
+    observer: Observer
+    network: NetworkPlans
+    differing: int
+    frame_time: float
+
+
+FINE_MILLIMETRES = Unit("mm", 1e3, "{:.3f}")
+DEGREES = Unit("deg", 180.0 / np.pi, "{:.3f}")
+
+TARGETS = (
+    Target("pan.rms_worst", "pan, test motions: RMS, worst", FINE_MILLIMETRES, "<=", 0.1e-3),
+    Target("pan.max_worst", "pan, test motions: maximum, worst", FINE_MILLIMETRES, "<=", 0.3e-3),
+    Target("pan.attitude_worst", "pan, test motions: attitude, worst", DEGREES, "<=", np.radians(0.1)),
+    Target("pan.law_median", "object to the law, test motions: median", MILLIMETRES, "<=", 1.5e-3),
+    Target("pan.law_worst", "object to the law, test motions: worst", MILLIMETRES, "<=", 4e-3),
+    Target("pan.real_time_factor", "real-time factor, median", TIMES, ">=", 1.5),
+    Target("paper_control", "pan, paper control: RMS, median", MILLIMETRES, "<=", 4e-3),
+    Target("observer.without_median", "pan, wrong model, no observer: RMS", MILLIMETRES),
+    Target("observer.with_median", "pan, wrong model, observer: RMS", MILLIMETRES),
+    Target("observer.reduction_least", "observer cuts RMS by, least", TIMES, ">=", 5.0),
+    Target("network.pan_rms_worst", "pan, network's plans: RMS, worst", FINE_MILLIMETRES, "<=", 0.3e-3),
+    Target("network.pan_max_worst", "pan, network's plans: maximum, worst", FINE_MILLIMETRES),
+    Target("network.closed_mean", "object, closed loop: RMS, mean", MILLIMETRES, "<=", 5e-3),
+    Target("network.closed_median", "object, closed loop: median", MILLIMETRES),
+    Target("network.closed_worst", "object, closed loop: worst", MILLIMETRES),
+    Target("network.law_mean", "the same by the law under 0.5/0.5: mean", MILLIMETRES),
+    Target("network.closed_over_law", "closed loop over the law", TIMES, "<=", 1.25),
+    Target("network.open_mean", "object, open loop: mean", MILLIMETRES),
+    Target("network.open_worst", "object, open loop: worst", MILLIMETRES),
+    Target("network.paper_closed_mean", "object, paper control, closed loop: mean", MILLIMETRES),
+    Target("network.paper_open_mean", "object, paper control, open loop: mean", MILLIMETRES),
+    Target("network.closed_lost", "object lost, closed loop (runs)", COUNT, "<=", 0),
+    Target("network.open_lost", "object lost, open loop (runs)", COUNT),
+    Target("network.paper_lost", "object lost, paper control (runs)", COUNT),
+    Target("network.held_back", "held back by a limit (runs)", COUNT, "<=", 0),
+    Target("network.torque_peak", "peak torque", Unit("N m", show="{:.0f}")),
+    Target("network.speed_peak", "peak joint speed", Unit("rad/s", show="{:.1f}")),
+    Target("differing", "runs that differ when repeated", COUNT, "<=", 0),
+    Target("frame_time", "picture of 320 x 240, median", Unit("ms", 1e3, "{:.1f}"), "<=", 20e-3),
+)
 
 
 def stick_slip_plan(seed: int) -> Plan:
@@ -127,152 +242,129 @@ def run_plan(plan: Plan, settings: Simulated, planner: Planner | None = None) ->
     return judge(plan, recording, settings.friction)
 
 
-def pan_tracking(motions: Sequence[Plan]) -> list[Figure]:
-    """Measure the pan on smooth test motions, and the object beside the law of friction."""
+def pan_tracking(motions: Sequence[Plan]) -> PanTracking:
+    """Run test motions: the pan beside its command, the object beside the law of friction."""
     results = [run_plan(plan, Simulated()) for plan in motions]
     law = [result.law_rms or 0.0 for result in results]
-    return [
-        Figure("pan, test motions: RMS, worst", MM * max(result.pan_rms for result in results), 0.1),
-        Figure("pan, test motions: maximum, worst", MM * max(result.pan_max for result in results), 0.3),
-        Figure("pan, test motions: attitude, worst", float(np.degrees(_worst(results, "tilt_max"))), 0.1, "deg"),
-        Figure("object to the law, test motions: median", MM * float(np.median(law)), 1.5),
-        Figure("object to the law, test motions: worst", MM * max(law), 4.0),
-        Figure("real-time factor, median", float(np.median(_all(results, "real_time_factor"))), 1.5, "x", True),
-    ]
+    return PanTracking(
+        rms_worst=max(_all(results, "pan_rms")),
+        max_worst=max(_all(results, "pan_max")),
+        attitude_worst=max(_all(results, "tilt_max")),
+        law_median=float(np.median(law)),
+        law_worst=max(law),
+        real_time_factor=float(np.median(_all(results, "real_time_factor"))),
+    )
 
 
-def paper_control(motions: Sequence[Plan]) -> list[Figure]:
-    """Measure the pan with the controller of Fig. 7."""
-    rms = _all([run_plan(plan, Simulated(control=PAPER_CONTROL)) for plan in motions], "pan_rms")
-    return [Figure("pan, paper control, test motions: RMS, median", MM * float(np.median(rms)), 4.0)]
+def paper_control(motions: Sequence[Plan]) -> float:
+    """Return the pan's distance from its command with the controller of Fig. 7, RMS over a run, median (m)."""
+    results = [run_plan(plan, Simulated(control=PAPER_CONTROL)) for plan in motions]
+    return float(np.median(_all(results, "pan_rms")))
 
 
-def observer_ablation(motions: Sequence[Plan]) -> list[Figure]:
-    """Measure what the disturbance observer is worth when the model is wrong."""
-    rms = {}
+def observer_ablation(motions: Sequence[Plan]) -> Observer:
+    """Run test motions with a wrong model, without the disturbance observer and with it."""
+    rms = []
     for observer in (False, True):
         control = replace(FULL_CONTROL, observer=observer, model_scale=WRONG_MODEL)
         settings = Simulated(control=control, joint_friction=JOINT_FRICTION)
-        rms[observer] = np.array(_all([run_plan(plan, settings) for plan in motions], "pan_rms"))
-    return [
-        Figure("pan, wrong model, no observer: RMS, median", MM * float(np.median(rms[False])), None),
-        Figure("pan, wrong model, observer: RMS, median", MM * float(np.median(rms[True])), None),
-        Figure("observer cuts RMS by, least", float((rms[False] / rms[True]).min()), 5.0, "x", True),
-    ]
+        rms.append(np.array(_all([run_plan(plan, settings) for plan in motions], "pan_rms")))
+    without, with_it = rms
+    return Observer(float(np.median(without)), float(np.median(with_it)), float((without / with_it).min()))
 
 
-def network_plans(planner: Planner, count: int) -> list[Figure]:
-    """Measure pan and object on a network's plans for the first commands of `spline`: open, closed, paper control."""
+def network_plans(planner: Planner, count: int) -> NetworkPlans:
+    """Run a network's plans for the first commands of `spline`: in open and closed loop, with either control."""
     positions = spline().positions[:count]
     plans = [planner.plan(position) for position in positions]
-    on_law = [planner.plan(position, SLIPPERY).quality.tracking_rmse for position in positions]
+    on_law = float(np.mean([planner.plan(position, SLIPPERY).quality.tracking_rmse for position in positions]))
     opened = [run_plan(plan, Simulated()) for plan in plans]
     closed = [run_plan(plan, Simulated(), planner) for plan in plans]
     paper = [run_plan(plan, Simulated(control=PAPER_CONTROL)) for plan in plans]
     paper_closed = [run_plan(plan, Simulated(control=PAPER_CONTROL), planner) for plan in plans]
-    mean = MM * float(np.mean(_all(closed, "object_rms")))
-    return [
-        Figure("pan, network's plans: RMS, worst", MM * max(_all(opened + closed, "pan_rms")), 0.3),
-        Figure("pan, network's plans: maximum, worst", MM * max(_all(opened + closed, "pan_max")), None),
-        Figure("object to command, closed loop: mean", mean, 5.0),
-        Figure("object to command, closed loop: median", MM * float(np.median(_all(closed, "object_rms"))), None),
-        Figure("object to command, closed loop: worst", MM * _worst(closed, "object_rms"), None),
-        Figure("the same by the law under 0.5/0.5: mean", MM * float(np.mean(on_law)), None),
-        Figure("closed loop over the law", mean / (MM * float(np.mean(on_law))), 1.25, "x"),
-        Figure("object to command, open loop: mean", MM * float(np.mean(_all(opened, "object_rms"))), None),
-        Figure("object to command, open loop: worst", MM * _worst(opened, "object_rms"), None),
-        Figure(
-            "object to command, closed loop, paper control: mean",
-            MM * float(np.mean(_all(paper_closed, "object_rms"))),
-            None,
-        ),
-        Figure(
-            "object to command, open loop, paper control: mean", MM * float(np.mean(_all(paper, "object_rms"))), None
-        ),
-        Figure("closed loop, object lost", sum(result.lost is not None for result in closed), 0, "runs"),
-        Figure("open loop, object lost", sum(result.lost is not None for result in opened), None, "runs"),
-        Figure(
-            "paper control, object lost", sum(result.lost is not None for result in paper + paper_closed), None, "runs"
-        ),
-        Figure("runs held back by a limit", sum(bool(result.limits) for result in opened + closed), 0, "runs"),
-        Figure("peak torque", max(max(result.torque_peaks) for result in opened + closed), None, "N m"),
-        Figure("peak joint speed", max(max(result.speed_peaks) for result in opened + closed), None, "rad/s"),
-    ]
+    errors = _all(closed, "object_rms")
+    return NetworkPlans(
+        pan_rms_worst=max(_all(opened + closed, "pan_rms")),
+        pan_max_worst=max(_all(opened + closed, "pan_max")),
+        closed_mean=float(np.mean(errors)),
+        closed_median=float(np.median(errors)),
+        closed_worst=max(errors),
+        law_mean=on_law,
+        closed_over_law=float(np.mean(errors)) / on_law,
+        open_mean=float(np.mean(_all(opened, "object_rms"))),
+        open_worst=max(_all(opened, "object_rms")),
+        paper_closed_mean=float(np.mean(_all(paper_closed, "object_rms"))),
+        paper_open_mean=float(np.mean(_all(paper, "object_rms"))),
+        closed_lost=_lost(closed),
+        open_lost=_lost(opened),
+        paper_lost=_lost(paper + paper_closed),
+        held_back=sum(bool(result.limits) for result in opened + closed),
+        torque_peak=max(max(result.torque_peaks) for result in opened + closed),
+        speed_peak=max(max(result.speed_peaks) for result in opened + closed),
+    )
 
 
-def repeatability(motions: Sequence[Plan]) -> list[Figure]:
+def count_differing(motions: Sequence[Plan]) -> int:
     """Count the plans whose second run differs from the first in any bit."""
     differing = 0
     for plan in motions:
         first, second = (execute(plan, SimulatedArm(), open_loop(plan)) for _ in range(2))
         differing += not (np.array_equal(first.pan, second.pan) and np.array_equal(first.sliding, second.sliding))
-    return [Figure("runs that differ when repeated", differing, 0, "runs")]
+    return differing
 
 
-def frame_time() -> list[Figure]:
-    """Measure the rendering of a picture."""
+def frame_time(pictures: int) -> float:
+    """Return the processor time of a picture, median (s)."""
     arm = SimulatedArm()
     arm.reset(np.zeros(2))
     camera = Camera(arm, np.zeros((2, 2)), FRAME)
     times = []
-    for _ in range(30):
-        begin = time.process_time()  # what other programs take is not asked about
+    for _ in range(pictures):
+        begin = time.process_time()  # what other programs take does not count
         camera.picture(0)
         times.append(time.process_time() - begin)
     arm.close()
-    return [Figure(f"picture of {FRAME[0]} x {FRAME[1]}, median", 1e3 * float(np.median(times)), 20.0, "ms")]
+    return float(np.median(times))
 
 
 def _all(results: Iterable[Results], name: str) -> list[float]:
     return [float(getattr(result, name)) for result in results]
 
 
-def _worst(results: Iterable[Results], name: str) -> float:
-    return max(_all(results, name))
+def _lost(results: Iterable[Results]) -> int:
+    return sum(result.lost is not None for result in results)
 
 
-def measure(planner: Planner, plans: int = PLANS, motions: int = MOTIONS) -> list[Figure]:
-    """Measure every figure.
+def measure_arm(subject: Subject, settings: ArmSettings) -> Measured:
+    """Run test motions and the network's plans on the simulated arm.
 
-    Args:
-        planner: the network whose plans are executed.
-        plans: how many of them.
-        motions: how many test motions.
+    Raises:
+        MissingExtraError: pybullet is not installed.
     """
-    tests = [stick_slip_plan(seed) for seed in range(motions)]
-    parts: list[Callable[[], list[Figure]]] = [
-        lambda: pan_tracking(tests),
-        lambda: paper_control(tests),
-        lambda: observer_ablation(tests),
-        lambda: network_plans(planner, plans),
-        lambda: repeatability(tests[:3]),
-        frame_time,
-    ]
-    return [figure for part in parts for figure in part()]
+    tests = [stick_slip_plan(seed) for seed in range(settings.motions)]
+    return Measured(
+        Arm(
+            pan=pan_tracking(tests),
+            paper_control=paper_control(tests),
+            observer=observer_ablation(tests),
+            network=network_plans(subject.planner, settings.plans),
+            differing=count_differing(tests[: settings.repeated]),
+            frame_time=frame_time(settings.pictures),
+        )
+    )
 
 
-def bench_arm(
-    model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder; the shipped one if not given.", metavar="DIR")
-    ] = None,
-    plans: Annotated[int, typer.Option("--plans", help="Commands of the suite to execute.", min=1, max=64)] = PLANS,
-    motions: Annotated[int, typer.Option("--motions", help="Test motions to execute.", min=3)] = MOTIONS,
-    as_json: AsJson = False,
-) -> None:
-    """Measure the simulated arm."""
-    planner = Planner(model)
-    figures = measure(planner, plans, motions)
-    if as_json:
-        rows = {figure.what: {"value": figure.value, "reach": figure.reach, "unit": figure.unit} for figure in figures}
-        print_json({"model": planner.bundle.manifest.name, "plans": plans, "motions": motions, "figures": rows})
-    else:
-        title = f"simulated arm, {planner.bundle.manifest.name}: {motions} test motions, {plans} spline commands"
-        print_table(title, [(figure.what, str(figure)) for figure in figures])
-    missed = [f"{figure.what} {figure}" for figure in figures if not figure.met]
-    if missed:
-        say(NAME, f"missed {len(missed)}: {'; '.join(missed)}")
-        raise typer.Exit(DONE_BUT_MISSED)
+def arm_tables(arm: Arm, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the figures of the arm, beside their targets."""
+    return targets_table("The simulated arm", verdicts)
 
 
-if __name__ == "__main__":
-    run(NAME, bench_arm)
+SECTION = Section(
+    "arm",
+    "the simulated arm: pan and object on test motions and on the network's plans",
+    ArmSettings(),
+    measure_arm,
+    TARGETS,
+    arm_tables,
+    usual=False,
+)

@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
-from typing import Self
 
 import numpy as np
+from rich.table import Table
 
-import runtime
-from benchmarks.harness.timing import Spread, interleave
+from benchmarks.harness.section import Measured, Section, Subject
+from benchmarks.harness.tables import span, targets_table
+from benchmarks.harness.targets import MEGABYTES, MILLISECONDS, PERCENT, SECONDS, Target, Verdict
+from benchmarks.harness.timing import Spread, environment_with_runtime, interleave
 from benchmarks.suite.families import SAMPLES, spline
-from runtime.documents.checks import FloatArray
 from runtime.errors import SlideError
 from runtime.limits import NO_LIMITS
-from runtime.network.bundle import bundle_path
 from runtime.physics.law import rollout
 from runtime.physics.pan import integrate_pan
-from runtime.planner import DEFAULT_BUNDLE, Planner
-
-STEPS = 10_000
-"""Stream steps timed: enough for the 99.9th percentile to be that of ten of them."""
-
-SHARE_ROUNDS = 128
-"""Plans timed with and without the governor; both take the suite's spline commands in turn."""
-
-START_ROUNDS = 5
+from runtime.planner import Planner
 
 FIRST_PLAN = """
 import sys
@@ -45,19 +36,18 @@ asked of /proc: what getrusage says begins with the parent's."""
 
 
 @dataclass(frozen=True)
-class Percentiles:
-    """Durations (s): half, 99 % and 99.9 % of `count` are below."""
+class ControlSettings:
+    """How much is timed.
 
-    p50: float
-    p99: float
-    p999: float
-    count: int
+    Attributes:
+        steps: of streams; 10,000 are enough for the 99.9th percentile to be that of ten of them.
+        share_rounds: plans with and without the governor; both take the suite's spline commands in turn.
+        start_rounds: processes that plan once.
+    """
 
-    @classmethod
-    def of(cls, values: FloatArray) -> Self:
-        """Sum up durations (n,)."""
-        p50, p99, p999 = np.percentile(values, [50.0, 99.0, 99.9]).tolist()
-        return cls(p50, p99, p999, len(values))
+    steps: int = 10_000
+    share_rounds: int = 128
+    start_rounds: int = 5
 
 
 @dataclass(frozen=True)
@@ -71,29 +61,41 @@ class Control:
         memory: largest resident set of that process (bytes).
     """
 
-    step: Percentiles
+    step: Spread
     governor_share: float
     first_plan: Spread
     memory: float
 
 
-def measure(planner: Planner, model: Path | None) -> Control:
-    """Measure one bundle.
+TARGETS = (
+    Target("step.median", "stream step, median", MILLISECONDS, "<=", 0.35e-3),
+    Target("step.p99", "stream step, 99 %", MILLISECONDS, "<=", 1e-3),
+    Target("step.p999", "stream step, 99.9 %", MILLISECONDS),
+    Target("governor_share", "governor's share of planning", PERCENT, "<=", 0.15),
+    Target("first_plan.median", "process start to first plan", SECONDS, "<=", 0.5),
+    Target("memory", "memory of it", MEGABYTES, "<=", 110e6),
+)
+
+
+def measure_control(subject: Subject, settings: ControlSettings) -> Measured:
+    """Measure what a controller waits for, and what it holds.
 
     Raises:
         SlideError: the process that plans once failed.
     """
-    first_plan, memory = _first_plan(model, START_ROUNDS)
-    return Control(_step_times(planner, STEPS), _governor_share(planner, SHARE_ROUNDS), first_plan, memory)
+    planner = subject.planner
+    first_plan, memory = _first_plan(subject.folder, settings.start_rounds)
+    steps, share = _step_times(planner, settings.steps), _governor_share(planner, settings.share_rounds)
+    return Measured(Control(steps, share, first_plan, memory))
 
 
-def _step_times(planner: Planner, count: int) -> Percentiles:
+def _step_times(planner: Planner, count: int) -> Spread:
     """Time stream steps in closed loop with the law, command after command."""
     durations = np.empty(count)
     steps = _steps(planner)
     for index in range(count):
         durations[index] = next(steps)
-    return Percentiles.of(durations)
+    return Spread.of(durations)
 
 
 def _steps(planner: Planner) -> Iterator[float]:
@@ -121,16 +123,14 @@ def _governor_share(planner: Planner, rounds: int) -> float:
     return float(np.median(1.0 - durations["free"] / durations["governed"]))
 
 
-def _first_plan(model: Path | None, rounds: int) -> tuple[Spread, float]:
+def _first_plan(model: Path, rounds: int) -> tuple[Spread, float]:
     """Start a process that plans once: its time (s), and its largest resident set (bytes).
 
     Raises:
         SlideError: it failed.
     """
-    root = Path(runtime.__file__).resolve().parent.parent
-    paths = [str(root), os.environ.get("PYTHONPATH", "")]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}
-    arguments = [sys.executable, "-c", FIRST_PLAN, str(bundle_path(model or DEFAULT_BUNDLE).resolve())]
+    environment = environment_with_runtime()
+    arguments = [sys.executable, "-c", FIRST_PLAN, str(model)]
     durations, memory = [], 0.0
     for _ in range(rounds + 1):  # the first one fills the disc cache and does not count
         begin = time.perf_counter()
@@ -140,3 +140,20 @@ def _first_plan(model: Path | None, rounds: int) -> tuple[Spread, float]:
             raise SlideError(f"a process that plans once failed: {done.stderr.strip()}")
         memory = float(done.stdout) * 1024.0
     return Spread.of(np.array(durations[1:])), memory
+
+
+def control_tables(control: Control, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return what a controller has to count on, beside its targets."""
+    details = {"first_plan.median": [span(control.first_plan, SECONDS)]}
+    return targets_table(f"In a controller, one thread, {control.step.count:,} steps", verdicts, details)
+
+
+SECTION = Section(
+    "control",
+    "a controller's figures: stream steps, the governor's share, start and memory",
+    ControlSettings(),
+    measure_control,
+    TARGETS,
+    control_tables,
+    timed=True,
+)

@@ -7,10 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from rich.table import Table
 
+from benchmarks.harness.section import Measured, Section, Subject
+from benchmarks.harness.tables import table, targets_table
+from benchmarks.harness.targets import MEGABYTES, MILLIMETRES, PERCENT, TIMES, Target, Verdict
 from benchmarks.suite.families import long
+from runtime.cli.console import MM
 from runtime.command import Command
 from runtime.documents.checks import FloatArray
+from runtime.errors import extra
 from runtime.friction import Friction
 from runtime.network import reader
 from runtime.network.decode import Job, decode
@@ -21,25 +27,8 @@ from runtime.start import Start
 
 FAMILIES = ("drawings", "spline_position", "loops")
 
-SECONDS = 60.0
-COMMANDS = 6
-"""Commands of each family, and their length (s)."""
-
 PIECE = 1200
 """Samples of a piece of a long command, whose RMSE is held against that of short commands of as many."""
-
-SHORT = 48
-"""Short commands of each family."""
-
-WINDOWS = (
-    reader.Window(),
-    reader.Window(unread=3),
-    reader.Window(unread=10),
-    reader.Window(12, 6),
-    reader.Window(10, 5),
-)
-"""Windows tried: chunks read at once (None: as many as were trained on), and chunks of them planned again. The first
-is what ships."""
 
 NOISE = (0.001, 0.001, 0.01, 0.01)
 """Standard deviation of measured positions (m) and velocities (m/s)."""
@@ -53,11 +42,35 @@ FRICTION_STEP, PUSHED, ALLOWED = 4, 8, 3
 PUSH = 0.02
 """By which the object is pushed (m)."""
 
-SEEDS = 3
+
+@dataclass(frozen=True)
+class LongSettings:
+    """How much is planned.
+
+    Attributes:
+        seconds: length of a long command (s).
+        commands: long commands of each family.
+        short: short commands of each family.
+        windows: those that are tried, the one that ships first. Chunks read at once (None: as many as were trained
+            on), and chunks of them that are planned again.
+        seeds: times that each command is followed under noise, a step of the friction and a push.
+    """
+
+    seconds: float = 60.0
+    commands: int = 6
+    short: int = 48
+    windows: tuple[reader.Window, ...] = (
+        reader.Window(),
+        reader.Window(unread=3),
+        reader.Window(unread=10),
+        reader.Window(12, 6),
+        reader.Window(10, 5),
+    )
+    seeds: int = 3
 
 
 @dataclass(frozen=True)
-class Window:
+class WindowErrors:
     """One way to plan long commands.
 
     Attributes:
@@ -106,34 +119,51 @@ class Endurance:
 
     seconds: float
     short: Mapping[str, float]
-    windows: Sequence[Window]
+    windows: Sequence[WindowErrors]
     memory_third: float
     memory: float
     recovery: Recovery
 
 
-def measure(planner: Planner) -> Endurance:
-    """Measure one bundle."""
-    commands = {name: _commands(name, COMMANDS, round(SECONDS / DT)) for name in FAMILIES}
+TARGETS = (
+    Target("windows.0.ratio", "60 s over short commands, worst", TIMES, "<=", 1.0),
+    Target("memory_third", "memory for a third of a long command", MEGABYTES),
+    Target("memory", "memory for a long command", MEGABYTES),
+    Target("recovery.ratio", "error after a push over nominal", TIMES, "<=", 2.0),
+    Target("recovery.nominal", "undisturbed, a chunk", MILLIMETRES),
+    Target("recovery.noisy", "under noise", MILLIMETRES),
+    Target("recovery.after", "third chunk after the push", MILLIMETRES),
+    Target("recovery.recovered", "runs back under 2 x within 3 chunks", PERCENT),
+)
+
+
+def measure_endurance(subject: Subject, settings: LongSettings) -> Measured:
+    """Plan long commands by several windows, and follow disturbed ones in closed loop.
+
+    Raises:
+        MissingExtraError: the generators of the training, which draw the commands, need what is not installed.
+    """
+    planner = subject.planner
+    commands = {name: _commands(name, settings.commands, round(settings.seconds / DT)) for name in FAMILIES}
     short = {
-        name: float(np.mean([_rmse(planner, position) for position in _commands(name, SHORT, PIECE)]))
+        name: float(np.mean([_rmse(planner, position) for position in _commands(name, settings.short, PIECE)]))
         for name in FAMILIES
     }
     windows = []
-    for tried in WINDOWS:
+    for tried in settings.windows:
         errors = {name: float(np.mean([_pieces(planner, each, tried) for each in commands[name]])) for name in FAMILIES}
-        windows.append(Window(*tried, errors, max(errors[name] / short[name] for name in FAMILIES)))
+        windows.append(WindowErrors(*tried, errors, max(errors[name] / short[name] for name in FAMILIES)))
     position = commands[FAMILIES[0]][0]
-    return Endurance(
-        SECONDS, short, windows, _memory(planner, position[: len(position) // 3]), _memory(planner, position),
-        measure_recovery(planner),
-    )  # fmt: skip
+    memory_third, memory = (_memory(planner, each) for each in (position[: len(position) // 3], position))
+    recovery = recovery_of(planner, settings.seeds)
+    return Measured(Endurance(settings.seconds, short, windows, memory_third, memory, recovery))
 
 
 def _commands(family: str, count: int, samples: int) -> FloatArray:
     """Draw commands (count, samples, 2) of a family of the training, which none of it has drawn."""
-    from train.commands.families import free_commands
-    from train.evaluation.evaluate import REACH, SPEED
+    with extra("train"):
+        from train.commands.families import free_commands
+        from train.evaluation.evaluate import REACH, SPEED
 
     rng = np.random.default_rng([1, samples])
     return free_commands(rng, count, samples, {family: 1.0}, REACH, SPEED, 1).position
@@ -162,9 +192,9 @@ def _memory(planner: Planner, position: FloatArray) -> float:
         tracemalloc.stop()
 
 
-def measure_recovery(planner: Planner) -> Recovery:
+def recovery_of(planner: Planner, seeds: int) -> Recovery:
     """Follow commands undisturbed, under noise, and under noise, a step of the friction and a push."""
-    positions = [position for position in long().positions for _ in range(SEEDS)]
+    positions = [position for position in long().positions for _ in range(seeds)]
     runs = [
         [follow(planner, position, seed, noise, disturbed) for seed, position in enumerate(positions)]
         for noise, disturbed in ((False, False), (True, False), (True, True))
@@ -196,3 +226,26 @@ def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, distu
         drawn = rng.standard_normal((2, chunk, 4)) * spread
         states = pans + drawn[0], slidings + drawn[1]
     return np.array(errors)
+
+
+def long_tables(endurance: Endurance, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the error of long commands by window, and the memory and a disturbed loop beside their targets."""
+    names = list(endurance.short)
+    rows = [("short commands", "", *(f"{endurance.short[name] * MM:.2f}" for name in names), "")]
+    for each in endurance.windows:
+        errors = (f"{each.families[name] * MM:.2f}" for name in names)
+        chunks = "trained on" if each.chunks is None else f"{each.chunks}"
+        rows.append((chunks, f"{each.unread}", *errors, f"{each.ratio:.2f}"))
+    title = f"Commands of {endurance.seconds:g} s: mean tracking RMSE of each 1.2 s (mm)"
+    header = ("window (chunks)", "unread", *names, "worst")
+    return [table(title, header, rows), *targets_table("Long commands", verdicts)]
+
+
+SECTION = Section(
+    "long",
+    "commands of a minute, and a closed loop under noise, friction and a push",
+    LongSettings(),
+    measure_endurance,
+    TARGETS,
+    long_tables,
+)

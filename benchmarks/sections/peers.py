@@ -1,30 +1,55 @@
-"""`python -m benchmarks.sections.peers`: the network beside two optimizers, on the same commands in the same run."""
+"""The network beside two sampling optimizers, on the same commands in the same run."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated
+from contextlib import ExitStack
+from dataclasses import dataclass
 
 import numpy as np
-import typer
+from rich.table import Table
 
-from benchmarks.sections.accuracy import PAN_REACH, Outcome, PlanFunction, measure
-from benchmarks.suite.families import Family
+from benchmarks.harness.section import NAME, Measured, Section, Subject, at_least
+from benchmarks.harness.tables import table
+from benchmarks.harness.targets import Verdict
+from benchmarks.harness.timing import one_torch_thread
+from benchmarks.suite.families import spline
+from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, one_by_one, plan_family
 from benchmarks.suite.suite import FAMILIES, suite
-from runtime.cli.console import MM, AsJson, print_json, run, say
+from runtime.cli.console import MM, say
 from runtime.documents.checks import FloatArray
-from runtime.errors import extra
+from runtime.documents.options import option
+from runtime.errors import MissingExtraError, extra
 from runtime.friction import Friction
-from runtime.planner import Planner
 
-NAME = "benchmarks.sections.peers"
 PROBE = 400
 """Samples of the command by which a planner's speed is estimated; the first ones, nearly at rest, cost less."""
 
 DEFAULT_FAMILIES = tuple(name for name in FAMILIES if name != "friction")
+
+
+@dataclass(frozen=True)
+class PeersSettings:
+    """What is planned, and how much effort the optimizers spend.
+
+    Attributes:
+        family: names of the families.
+        commands: the first ones of each family; all if None.
+        candidates: drawn in an iteration.
+        iterations: in a planning.
+        no_mppi: leave path integral control out.
+    """
+
+    family: tuple[str, ...] = option("Family of the suite, or letters; may be repeated.", DEFAULT_FAMILIES, "NAME")
+    commands: int | None = option("Only the first commands of each family.", metavar="N")
+    candidates: int = option("The optimizers' candidates in an iteration.", 512, "N")
+    iterations: int = option("The optimizers' iterations in a planning.", 20, "N")
+    no_mppi: bool = option("Leave out path integral control (pytorch-mppi).", False)
+
+    def __post_init__(self) -> None:
+        at_least(1, commands=self.commands, iterations=self.iterations)
+        at_least(8, candidates=self.candidates)
 
 
 @dataclass(frozen=True)
@@ -48,54 +73,54 @@ class Row:
     speed: float
 
 
-def main(
-    model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder; the shipped one if not given.", metavar="DIR")
-    ] = None,
-    family: Annotated[list[str] | None, typer.Option(help="Family of the suite; may be repeated.")] = None,
-    commands: Annotated[int | None, typer.Option(min=1, help="Only the first commands of each family.")] = None,
-    candidates: Annotated[int, typer.Option(min=8, help="The optimizers' candidates in an iteration.")] = 512,
-    iterations: Annotated[int, typer.Option(min=1, help="The optimizers' iterations in a planning.")] = 20,
-    mppi: Annotated[bool, typer.Option(help="Measure path integral control too, by pytorch-mppi.")] = True,
-    as_json: AsJson = False,
-) -> None:
-    """Measure the network beside two sampling optimizers that are told the friction; the whole takes some minutes."""
-    families = [first(each, commands) for each in suite(family or DEFAULT_FAMILIES).values()]
-    planner = Planner(model)
-    contestants: dict[str, PlanFunction] = {planner.bundle.manifest.name: one_by_one(planner)}
-    with extra("train"):
-        from benchmarks.peers.cross_entropy import CrossEntropy
-    optimizer = CrossEntropy(candidates, iterations)
-    contestants[optimizer.name] = optimizer
-    if mppi:
-        with extra("dev"):
-            import torch
+@dataclass(frozen=True)
+class Peers:
+    """Everything this section measures, family by family; of each, the network comes first."""
 
-            from benchmarks.peers.mppi import PathIntegral
-        torch.set_num_threads(1)  # more would wait for each other at its small tensors, and count as time
-        integral = PathIntegral(candidates, iterations)
-        contestants[integral.name] = integral
-    samples = sum(len(position) for each in families for position in each.positions)
-    cost = {name: samples * seconds_per_sample(plan) for name, plan in contestants.items()}
-    say(NAME, f"about {sum(cost.values()) / 60.0:.1f} minutes of one core: {_shares(cost)}")
-    rows: list[Row] = []
-    for each in families:
-        network = 0.0
-        for name, plan in contestants.items():
-            say(NAME, f"{each.name}, {len(each)} commands: {name}")
-            timed = Timed(plan)
-            outcome = measure(timed, each)
-            network = network or timed.cpu  # the network is the first
-            rows.append(summary(name, outcome, timed.cpu, network))
-    if as_json:
-        print_json({"rows": [vars(row) for row in rows]})
-    else:
-        _print(rows)
+    rows: tuple[Row, ...]
+
+
+def measure_peers(subject: Subject, settings: PeersSettings) -> Measured:
+    """Plan the same commands with the network, which is not told the friction, and with optimizers, which are.
+
+    Raises:
+        InputError: there is no family of that name.
+        MissingExtraError: numba is not installed.
+    """
+    families = [family.first(settings.commands) for family in suite(settings.family).values()]
+    effort = settings.candidates, settings.iterations
+    planners: dict[str, PlanFunction] = {subject.planner.bundle.manifest.name: one_by_one(subject.planner)}
+    notes = []
+    with extra("refine"):
+        from benchmarks.peers.cross_entropy import CrossEntropy
+    planners[CrossEntropy(*effort).name] = CrossEntropy(*effort)
+    with ExitStack() as stack:
+        try:
+            if not settings.no_mppi:
+                with extra("dev"):
+                    from benchmarks.peers.mppi import PathIntegral
+                stack.enter_context(one_torch_thread())
+                planners[PathIntegral(*effort).name] = PathIntegral(*effort)
+        except MissingExtraError as error:
+            notes.append(f"path integral control is left out: {error}")
+        samples = sum(len(position) for each in families for position in each.positions)
+        cost = {name: samples * seconds_per_sample(plan) for name, plan in planners.items()}
+        say(NAME, f"peers: about {sum(cost.values()) / 60.0:.1f} minutes of one core: {_shares(cost)}")
+        rows: list[Row] = []
+        for each in families:
+            network = 0.0
+            for name, plan in planners.items():
+                say(NAME, f"peers: {each.name}, {len(each)} commands: {name}")
+                timed = Timed(plan)
+                outcome = plan_family(timed, each)
+                network = network or timed.cpu  # the network is the first
+                rows.append(summary(name, outcome, timed.cpu, network))
+    return Measured(Peers(tuple(rows)), notes)
 
 
 def seconds_per_sample(plan: PlanFunction) -> float:
     """Let a planner compile and warm up, and return what planning a sample takes then (s of processor time)."""
-    position = next(iter(suite(["spline"]).values())).positions[0][:PROBE]
+    position = spline().positions[0][:PROBE]
     plan([position], [Friction()])
     timed = Timed(plan)
     timed([position], [Friction()])
@@ -121,28 +146,6 @@ class Timed:
         return plans
 
 
-def one_by_one(planner: Planner) -> PlanFunction:
-    """Plan each command alone, as a user with one command would."""
-
-    def plan(positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
-        return [
-            planner.plan(position, friction).pan_acceleration
-            for position, friction in zip(positions, frictions, strict=True)
-        ]
-
-    return plan
-
-
-def first(family: Family, commands: int | None) -> Family:
-    """Return the family with its first commands only."""
-    return replace(
-        family,
-        positions=family.positions[:commands],
-        frictions=family.frictions[:commands],
-        labels=family.labels[:commands],
-    )
-
-
 def summary(planner: str, outcome: Outcome, cpu: float, network: float) -> Row:
     """Sum up a planner's outcome on a family; it took `cpu` (s of processor time), the network `network`."""
     count = len(outcome.tracking)
@@ -161,9 +164,8 @@ def summary(planner: str, outcome: Outcome, cpu: float, network: float) -> Row:
     )
 
 
-def _print(rows: Sequence[Row]) -> None:
-    from benchmarks.harness.tables import print_tables, table
-
+def peers_tables(peers: Peers, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the planners, family by family."""
     header = ("family", "planner", "n", "RMSE", "worst", "reach", "|du|", "ms", "times", "samples/s")
     lines = [
         (
@@ -178,12 +180,20 @@ def _print(rows: Sequence[Row]) -> None:
             f"{row.times:.0f}",
             f"{row.speed:,.0f}",
         )
-        for row in rows
+        for row in peers.rows
     ]
     # The optimizers' settings, part of their names, would make the table too wide; the command was told them.
     title = "RMSE, worst RMSE, worst pan reach (mm); processor time a plan, times the network's, samples per s of it"
-    print_tables([table(title, header, lines)])
+    return [table(title, header, lines)]
 
 
-if __name__ == "__main__":
-    run(NAME, main)
+SECTION = Section(
+    "peers",
+    "the network beside two optimizers that are told the friction; some minutes",
+    PeersSettings(),
+    measure_peers,
+    (),
+    peers_tables,
+    timed=True,
+    usual=False,
+)

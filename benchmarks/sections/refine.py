@@ -1,37 +1,64 @@
-"""What refinement makes of plans in 50 ms, beside the sampling optimizer on the same commands."""
+"""What refinement makes of plans, beside the cross-entropy optimizer on the same commands."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from rich.table import Table
 
-from benchmarks.sections.accuracy import PlanFunction, measure
-from benchmarks.suite.families import Family
+from benchmarks.harness.section import Measured, Section, Subject, at_least
+from benchmarks.harness.tables import table, targets_table
+from benchmarks.harness.targets import COUNT, MILLISECONDS, PERCENT, TIMES, Target, Verdict
+from benchmarks.suite.outcome import PlanFunction, one_by_one, plan_family
 from benchmarks.suite.suite import suite
-from runtime.documents.checks import FloatArray
+from runtime.cli.console import MM
+from runtime.documents.options import option
+from runtime.errors import extra
+from runtime.friction import Friction
 from runtime.planner import Planner
 
 FAMILIES = ("spline", "shapes", "stops", "long", "short", "odd")
 """All of the suite but `friction`, which is `spline` again under what nobody is told."""
 
-COMMANDS = 12
-"""Commands of each family, the first ones, or all where there are no more."""
-
-BUDGET = 50.0
-"""Time for each plan (ms)."""
+ROUNDING = 1e-9
+"""Share by which the error of a plan may differ where refinement leaves the plan as it is."""
 
 
 @dataclass(frozen=True)
-class Refined:
+class RefineSettings:
+    """What is refined, and by how much.
+
+    Attributes:
+        family: names of the families.
+        commands: of each family, the first ones, or all where there are no more.
+        budget: time for each plan (ms).
+        robust: share by which the friction may be off; see `Planner.plan`.
+        candidates, iterations: of the optimizer; see `benchmarks.peers.cross_entropy`.
+    """
+
+    family: tuple[str, ...] = option("Family of the suite, or letters; may be repeated.", FAMILIES, "NAME")
+    commands: int | None = option("Only the first commands of each family.", 12, "N")
+    budget: float = option("Time for the refinement of a plan (ms).", 50.0, "MS")
+    robust: float = option("Share by which friction may be off, for refinement.", 0.0, "SHARE")
+    candidates: int = option("The optimizers' candidates in an iteration.", 512, "N")
+    iterations: int = option("The optimizers' iterations in a planning.", 20, "N")
+
+    def __post_init__(self) -> None:
+        at_least(1, commands=self.commands, budget=self.budget, iterations=self.iterations)
+        at_least(8, candidates=self.candidates)
+        at_least(0, robust=self.robust)
+
+
+@dataclass(frozen=True)
+class RefinedFamily:
     """One family.
 
     Attributes:
         commands: number of commands.
         before, after: mean tracking RMSE without and with refinement (m).
-        optimizer: the same of the optimizer; None if it was not measured.
+        optimizer: the same of the optimizer.
         pan_reach_max: largest reach of the refined plans (m).
         worse: number of commands that refinement made worse.
     """
@@ -39,7 +66,7 @@ class Refined:
     commands: int
     before: float
     after: float
-    optimizer: float | None
+    optimizer: float
     pan_reach_max: float
     worse: int
 
@@ -51,66 +78,95 @@ class Refinement:
     Attributes:
         families: by name.
         reduction: share by which the mean tracking RMSE over all of the commands falls.
-        over_optimizer: the mean tracking RMSE over the optimizer's, in the family where this is largest; None if the
-            optimizer was not measured.
-        time: of a refined plan, median (s).
+        over_optimizer: the mean tracking RMSE over the optimizer's, in the family where this is largest.
+        budget: time that refinement was given for a plan (ms).
+        time: of a refined plan, mean (s).
         worse: number of commands that refinement made worse.
     """
 
-    families: Mapping[str, Refined]
+    families: Mapping[str, RefinedFamily]
     reduction: float
-    over_optimizer: float | None
+    over_optimizer: float
+    budget: float
     time: float
     worse: int
 
 
-def measure_refinement(planner: Planner, optimizer: PlanFunction | None) -> Refinement:
-    """Plan the first commands of each family without refinement, with it, and with the optimizer."""
-    planner.plan(np.zeros((200, 2)), refine_iterations=1)  # compiles
+TARGETS = (
+    Target("reduction", "refinement, error down by", PERCENT, ">=", 0.25),
+    Target("worse", "refinement, commands made worse", COUNT, "<=", 0),
+    Target("over_optimizer", "refined over optimizer, worst family", TIMES, "<=", 1.0),
+    Target("time", "a refined plan, mean", MILLISECONDS),
+)
+
+
+def measure_refinement(subject: Subject, settings: RefineSettings) -> Measured:
+    """Plan the first commands of each family without refinement, with it, and with the optimizer.
+
+    Raises:
+        MissingExtraError: numba is not installed.
+    """
+    with extra("refine"):
+        from benchmarks.peers.cross_entropy import CrossEntropy
+    optimizer = CrossEntropy(settings.candidates, settings.iterations)
+    optimizer.plan(np.zeros((10, 2)), Friction())  # compiles
+    return Measured(_refinement(subject.planner, optimizer, settings))
+
+
+def _refinement(planner: Planner, optimizer: PlanFunction, settings: RefineSettings) -> Refinement:
+    planner.plan(np.zeros((200, 2)), refine_iterations=1, robust=settings.robust)  # compiles
     families, before, after = {}, [], []
-    times: list[float] = []
-    for name, family in suite(FAMILIES).items():
-        part = first(family, COMMANDS)
-        plain = measure(_one_by_one(planner, None, []), part)
-        refined = measure(_one_by_one(planner, BUDGET, times), part)
-        peer = None if optimizer is None else float(measure(optimizer, part).tracking.mean())
-        families[name] = Refined(
-            commands=len(part),
+    time = 0.0
+    for name, whole in suite(settings.family).items():
+        family = whole.first(settings.commands)
+        plain = plan_family(one_by_one(planner), family)
+        refined = plan_family(one_by_one(planner, settings.budget, settings.robust), family)
+        families[name] = RefinedFamily(
+            commands=len(family),
             before=float(plain.tracking.mean()),
             after=float(refined.tracking.mean()),
-            optimizer=peer,
+            optimizer=float(plan_family(optimizer, family).tracking.mean()),
             pan_reach_max=float(refined.pan_reach.max()),
-            worse=int(np.sum(refined.tracking > plain.tracking * (1.0 + 1e-9))),
+            worse=int(np.sum(refined.tracking > plain.tracking * (1.0 + ROUNDING))),
         )
         before.append(plain.tracking)
         after.append(refined.tracking)
-    ratios = [each.after / each.optimizer for each in families.values() if each.optimizer is not None]
+        time += refined.planning_time
     return Refinement(
         families=families,
         reduction=float(1.0 - np.concatenate(after).mean() / np.concatenate(before).mean()),
-        over_optimizer=max(ratios, default=None),
-        time=float(np.median(times)),
+        over_optimizer=max(each.after / each.optimizer for each in families.values()),
+        budget=settings.budget,
+        time=time / sum(each.commands for each in families.values()),
         worse=sum(each.worse for each in families.values()),
     )
 
 
-def first(family: Family, commands: int) -> Family:
-    """Return a family with its first commands only."""
-    some = slice(commands)
-    return replace(
-        family, positions=family.positions[some], frictions=family.frictions[some], labels=family.labels[some]
-    )
+def refine_tables(refinement: Refinement, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return what refinement does to each family, beside its targets."""
+    rows = [
+        (
+            name,
+            f"{each.commands}",
+            f"{each.before * MM:.2f}",
+            f"{each.after * MM:.2f}",
+            f"{each.after / each.before - 1.0:+.0%}",
+            f"{each.optimizer * MM:.2f}",
+            f"{each.pan_reach_max * MM:.0f}",
+        )
+        for name, each in refinement.families.items()
+    ]
+    title = f"Refinement in {refinement.budget:g} ms: mean tracking RMSE, pan reach (mm)"
+    header = ("family", "commands", "before", "after", "change", "optimizer", "reach")
+    return [table(title, header, rows), *targets_table("Refinement", verdicts)]
 
 
-def _one_by_one(planner: Planner, budget: float | None, times: list[float]) -> PlanFunction:
-    """Plan each command alone, with that much refinement (ms); the time of each (s) is added to `times`."""
-
-    def plan(positions: tuple[FloatArray, ...], frictions: tuple[object, ...]) -> list[FloatArray]:
-        accelerations = []
-        for position in positions:
-            begin = time.perf_counter()
-            accelerations.append(planner.plan(position, refine_ms=budget, robust=0.0).pan_acceleration)
-            times.append(time.perf_counter() - begin)
-        return accelerations
-
-    return plan  # type: ignore[return-value]
+SECTION = Section(
+    "refine",
+    "what refinement makes of plans, beside the optimizer",
+    RefineSettings(),
+    measure_refinement,
+    TARGETS,
+    refine_tables,
+    timed=True,
+)

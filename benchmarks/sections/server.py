@@ -1,4 +1,4 @@
-"""The server under load: `python -m benchmarks.sections.server`; `--soak` goes on for half an hour.
+"""The server under load.
 
 The server and its planning are two processes, and this load is a third. Where other programs want the cores too, a
 figure says as much of them as of the server: beside each stands what the processes took of a processor.
@@ -7,87 +7,257 @@ figure says as much of them as of the server: beside each stands what the proces
 from __future__ import annotations
 
 import asyncio
+import json
 import os
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import orjson
-import typer
+from rich.table import Table
 
 from benchmarks.harness.load import Answer, Connection, LoneConnection, at_rate, get, in_turn, post_plan, probe
-from benchmarks.harness.targets import Target
-from benchmarks.suite.families import SAMPLES, spline
-from runtime.cli.console import AsJson, print_json, print_table, run, say
-from runtime.client.client import Client
-from runtime.client.stream import RemoteStream
+from benchmarks.harness.section import NAME, Measured, Section, Subject, at_least
+from benchmarks.harness.tables import targets_table
+from benchmarks.harness.targets import COUNT, MILLISECONDS, SECONDS, TIMES, Target, Unit, Verdict
+from benchmarks.suite.families import spline
+from runtime.cli.console import say
+from runtime.documents.options import option
+from runtime.errors import SlideError, extra
 from runtime.physics.pan import integrate_pan
 
-LONE = 300
-"""Requests of a lone client."""
+WARM_UP = 20
+"""Requests of a lone client before those that count."""
 
-HTTPX = 50
-"""Of these through the client in Python, which reads the answer too."""
+NONCE_SAMPLES, NONCE_CLIENTS = 100, 32
+"""Samples of a command that is looked for in its answer, and clients that ask for them."""
 
-CLIENTS = 64
-NONCES = 10_000
-NONCE_SAMPLES = 100
 FLOOD_CONNECTIONS = 400
-STREAM_STEPS = 500
+
 STREAM_PACE = 0.01
 """Time between two steps of the stream (s): ten times as often as a controller steps."""
 
 RECOVERY = 10.0
 """Longest wait for the server to be as fast as before (s)."""
 
+PATIENCE = 120.0
+"""Longest wait for the server to be ready (s)."""
+
 MIB = 1 << 20
 
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """How much is asked of the server.
+
+    Attributes:
+        soak: flood for longer, and go on at half load.
+        minutes: of half load.
+        lone: requests of a lone client.
+        python: requests of the client in Python.
+        clients: at once.
+        rounds: times that each of the suite's 64 spline commands is planned for them.
+        nonces: requests whose command is looked for in the answer.
+        flood_seconds, soak_flood_seconds: length of the flood, without and with `soak`.
+        steps: of a stream.
+    """
+
+    soak: bool = option("Flood the server for 60 s, then go on at half load.", False)
+    minutes: float = option("Length of the server's half load (min).", 20.0, "MIN")
+    lone: int = 300
+    python: int = 50
+    clients: int = 64
+    rounds: int = 16
+    nonces: int = 10_000
+    flood_seconds: float = 20.0
+    soak_flood_seconds: float = 60.0
+    steps: int = 500
+
+    def __post_init__(self) -> None:
+        at_least(1, minutes=self.minutes)
+
+
+@dataclass(frozen=True)
+class Lone:
+    """A lone client of `POST /plan`.
+
+    Attributes:
+        p50, p99: time of a request (s).
+        parts: of it what the header Server-Timing says, median (s), by name.
+        own: what is neither planning nor JSON: the server's own cost, the connection and the client, median (s).
+        server_time, planning_time: processor time that a request takes of the server's two processes (s).
+        rate: plans a second.
+    """
+
+    p50: float
+    p99: float
+    parts: dict[str, float]
+    own: float
+    server_time: float
+    planning_time: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class Clients:
+    """Many clients at once.
+
+    Attributes:
+        rate: plans a second.
+        ratio: that over the rate of a lone client.
+        refused: requests that were answered by something else than a plan.
+    """
+
+    rate: float
+    ratio: float
+    refused: int
+
+
+@dataclass(frozen=True)
+class Flooded:
+    """Three times as many requests as can be planned.
+
+    Attributes:
+        rate: requests a second.
+        planned, refused: answered with 200, and with 503.
+        other: answered with neither 200 nor 503 with Retry-After.
+        unanswered: without an answer.
+        unsent: not sent because all connections waited.
+        longest: longest time of an answer (s).
+        ready_p99: time of `GET /health/ready` meanwhile, 99th percentile (s).
+        recovery: time after it until a lone request takes no more than twice the usual (s).
+    """
+
+    rate: float
+    planned: int
+    refused: int
+    other: int
+    unanswered: int
+    unsent: int
+    longest: float
+    ready_p99: float
+    recovery: float
+
+
+@dataclass(frozen=True)
+class Soaked:
+    """A long time at half load.
+
+    Attributes:
+        minutes: how long (min).
+        slope_server, slope_planning, slope: growth of the memory in 10 minutes after the first quarter, of each
+            process and of both (bytes).
+        threads, descriptors: more of them at the end than after the first quarter.
+    """
+
+    minutes: float
+    slope_server: float
+    slope_planning: float
+    slope: float
+    threads: float
+    descriptors: float
+
+
+@dataclass(frozen=True)
+class Server:
+    """Everything this section measures; None where it was interrupted before, or is not part of it.
+
+    Attributes:
+        lone: a lone client.
+        python_p50: a request through the client in Python, median (s).
+        clients: many clients at once.
+        wrong: answers that belong to another request.
+        flood: a flood of requests.
+        stream_json_p99, stream_packed_p99: round trip of a step of `WS /stream`, 99th percentile (s).
+        soak: a long time at half load.
+    """
+
+    lone: Lone | None = None
+    python_p50: float | None = None
+    clients: Clients | None = None
+    wrong: int | None = None
+    flood: Flooded | None = None
+    stream_json_p99: float | None = None
+    stream_packed_p99: float | None = None
+    soak: Soaked | None = None
+
+
+PLANS_PER_SECOND = Unit("plans/s", show="{:.0f}")
+MEBIBYTES = Unit("MiB", 1.0 / MIB)
+
 TARGETS = (
-    Target("lone.p50", "POST /plan, lone client, median", "ms", "<=", 15e-3, "{:.1f}", 1e3),
-    Target("lone.p99", "POST /plan, lone client, 99 %", "ms", "<=", 40e-3, "{:.1f}", 1e3),
-    Target("lone.own", "own cost beyond planning and JSON", "ms", "<=", 1e-3, "{:.2f}", 1e3),
-    Target("clients.ratio", "plans a second, 64 clients over one", "x", ">=", 3.0, "{:.2f}"),
-    Target("nonce.wrong", "replies to another request, of 10,000", "", "<=", 0, "{:.0f}"),
-    Target("flood.other", "3 x peak: neither 200 nor 503 with Retry-After", "", "<=", 0, "{:.0f}"),
-    Target("flood.unanswered", "3 x peak: requests without an answer", "", "<=", 0, "{:.0f}"),
-    Target("flood.longest", "3 x peak: longest answer", "s", "<=", 1.0, "{:.2f}"),
-    Target("flood.ready_p99", "3 x peak: health/ready, 99 %", "ms", "<=", 50e-3, "{:.1f}", 1e3),
-    Target("flood.recovery", "as fast as before after", "s", "<=", 5.0, "{:.2f}"),
-    Target("stream.json_p99", "WS /stream round trip, JSON, 99 %", "ms", "<=", 5e-3, "{:.2f}", 1e3),
-    Target("stream.packed_p99", "WS /stream round trip, packed, 99 %", "ms", "<=", 5e-3, "{:.2f}", 1e3),
-    Target("soak.slope", "memory, growth in 10 minutes after the warm-up", "MiB", "<", MIB, "{:.2f}", 1.0 / MIB),
-    Target("soak.threads", "threads more at the end", "", "<=", 0, "{:.0f}"),
-    Target("soak.descriptors", "descriptors more at the end", "", "<=", 0, "{:.0f}"),
+    Target("lone.p50", "POST /plan, lone client, median", MILLISECONDS, "<=", 15e-3),
+    Target("lone.p99", "POST /plan, lone client, 99 %", MILLISECONDS, "<=", 40e-3),
+    Target("lone.own", "own cost beyond planning and JSON", MILLISECONDS, "<=", 1e-3),
+    Target("lone.server_time", "processor time of the server", MILLISECONDS),
+    Target("lone.planning_time", "processor time of planning", MILLISECONDS),
+    Target("python_p50", "the client in Python, median", MILLISECONDS),
+    Target("lone.rate", "one client", PLANS_PER_SECOND),
+    Target("clients.rate", "64 clients", PLANS_PER_SECOND),
+    Target("clients.ratio", "64 clients over one", TIMES, ">=", 3.0),
+    Target("clients.refused", "64 clients: refused", COUNT),
+    Target("wrong", "answers to another request", COUNT, "<=", 0),
+    Target("flood.rate", "flood at 3 x the peak", Unit("requests/s", show="{:.0f}")),
+    Target("flood.planned", "flood: planned", COUNT),
+    Target("flood.refused", "flood: refused with 503", COUNT),
+    Target("flood.other", "flood: neither 200 nor 503 with Retry-After", COUNT, "<=", 0),
+    Target("flood.unanswered", "flood: without an answer", COUNT, "<=", 0),
+    Target("flood.unsent", "flood: not sent, all connections waited", COUNT),
+    Target("flood.longest", "flood: longest answer", SECONDS, "<=", 1.0),
+    Target("flood.ready_p99", "flood: health/ready, 99 %", MILLISECONDS, "<=", 50e-3),
+    Target("flood.recovery", "time until latency is back to normal", SECONDS, "<=", 5.0),
+    Target("stream_json_p99", "WS /stream round trip, JSON, 99 %", MILLISECONDS, "<=", 5e-3),
+    Target("stream_packed_p99", "WS /stream round trip, packed, 99 %", MILLISECONDS, "<=", 5e-3),
+    Target("soak.minutes", "half load", Unit("min", show="{:.1f}")),
+    Target("soak.slope", "memory's growth in 10 minutes", MEBIBYTES, "<", MIB),
+    Target("soak.threads", "threads more at the end", COUNT, "<=", 0),
+    Target("soak.descriptors", "descriptors more at the end", COUNT, "<=", 0),
 )
 
 
+class Serving(NamedTuple):
+    """A running server: its port, and the numbers of its two processes."""
+
+    port: int
+    processes: list[int]
+
+
 @contextmanager
-def serving(port: int) -> Iterator[list[int]]:
-    """Run `slide-serve` on a port and give the numbers of its two processes, once it is ready."""
+def serving(model: Path | None = None) -> Iterator[Serving]:
+    """Run `slide-serve` with a bundle, the shipped one if None, on a free port of this machine.
+
+    Raises:
+        SlideError: it ends, or is not ready within PATIENCE.
+    """
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port: int = free.getsockname()[1]
     environment = {**os.environ, "SLIDE_PORT": str(port), "OMP_NUM_THREADS": "1", "SLIDE_STREAM_RATE": "1000"}
     process = subprocess.Popen(
-        [Path(sys.executable).with_name("slide-serve")],
+        [Path(sys.executable).with_name("slide-serve"), *([] if model is None else ["--model", str(model)])],
         env=environment,
         stderr=subprocess.DEVNULL,
         process_group=0,  # what interrupts this program is not for the server
     )
     try:
-        asyncio.run(_ready(port))
+        asyncio.run(_ready(port, process))
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        yield [process.pid, *map(int, children)]
+        yield Serving(port, [process.pid, *map(int, children)])
     finally:
         process.terminate()
         process.wait(timeout=30.0)
 
 
-async def _ready(port: int) -> None:
-    connection, until = Connection(port), time.monotonic() + 120.0
+async def _ready(port: int, process: subprocess.Popen[bytes]) -> None:
+    connection, until = Connection(port), time.monotonic() + PATIENCE
     while time.monotonic() < until:
+        if process.poll() is not None:
+            raise SlideError(f"slide-serve ended with exit code {process.returncode}: run it to see why")
         try:
             if (await connection.ask(get("/health/ready"))).status == 200:
                 connection.close()
@@ -95,43 +265,73 @@ async def _ready(port: int) -> None:
         except (OSError, asyncio.IncompleteReadError):
             pass
         await asyncio.sleep(0.05)
-    raise TimeoutError("the server is never ready")
+    raise SlideError(f"slide-serve is not ready after {PATIENCE:g} s")
 
 
-def measure_lone(port: int, processes: list[int], requests: list[bytes]) -> dict[str, float]:
-    """Time a lone client; what is neither planning nor JSON is the server's own cost, the wire and the client."""
+def measure_server(subject: Subject, settings: ServerSettings) -> Measured:
+    """Put a server under load; interrupted, tell what has been measured.
+
+    Raises:
+        MissingExtraError: the server is not installed.
+        SlideError: it does not start.
+    """
+    with extra("server"):
+        import server.cli  # noqa: F401 (what slide-serve runs)
+    requests = [post_plan(position) for position in spline().positions]
+    found: dict[str, Any] = {}
+    with suppress(KeyboardInterrupt), serving(subject.folder) as (port, processes):
+        found["lone"] = lone = time_lone_client(port, processes, requests, settings.lone)
+        found["python_p50"] = time_python_client(port, settings.python)
+        found["clients"] = clients = asyncio.run(
+            count_plans(port, requests, settings.clients, settings.rounds, lone.rate)
+        )
+        found["wrong"] = asyncio.run(count_wrong_answers(port, settings.nonces))
+        seconds = settings.soak_flood_seconds if settings.soak else settings.flood_seconds
+        found["flood"] = asyncio.run(flood(port, requests, clients.rate, lone.p99, seconds))
+        for form in ("json", "packed"):
+            found[f"stream_{form}_p99"] = time_stream(port, form == "packed", settings.steps)
+        if settings.soak:
+            found["soak"] = asyncio.run(soak(port, processes, requests, clients, settings))
+    return Measured(Server(**found))
+
+
+def time_lone_client(port: int, processes: Sequence[int], requests: Sequence[bytes], count: int) -> Lone:
+    """Time a client that waits for each of `count` answers."""
     connection, answers = LoneConnection(port), []
-    for index in range(20 + LONE):
-        if index == 20:
+    for index in range(WARM_UP + count):
+        if index == WARM_UP:
             before = [processor_time(each) for each in processes]
         answers.append(connection.ask(requests[index % len(requests)]))
-        assert answers[-1].status == 200, answers[-1].body[:200]
+        if answers[-1].status != 200:
+            raise SlideError(f"slide-serve answers {answers[-1].status}: {answers[-1].body[:200]!r}")
     server, planning = (processor_time(each) - at for each, at in zip(processes, before, strict=True))
     connection.close()
-    totals = np.array([answer.duration for answer in answers[20:]])
-    parts = [server_timing(answer) for answer in answers[20:]]
+    totals = np.array([answer.duration for answer in answers[WARM_UP:]])
+    parts = [server_timing(answer) for answer in answers[WARM_UP:]]
     spent = np.array([sum(part[name] for name in ("read", "encode", "decode", "write")) for part in parts])
     p50, p99 = np.percentile(totals, [50.0, 99.0]).tolist()
-    return {
-        "p50": p50,
-        "p99": p99,
-        **{f"{name}_p50": float(np.median([part[name] for part in parts])) for name in parts[0]},
-        "own": float(np.median(totals - spent)),
-        "server_processor_time": server / LONE,
-        "planning_processor_time": planning / LONE,
-        "rate": 1.0 / float(np.mean(totals)),
-    }
+    return Lone(
+        p50=p50,
+        p99=p99,
+        parts={name: float(np.median([part[name] for part in parts])) for name in parts[0]},
+        own=float(np.median(totals - spent)),
+        server_time=server / count,
+        planning_time=planning / count,
+        rate=1.0 / float(np.mean(totals)),
+    )
 
 
-def measure_httpx(port: int) -> dict[str, float]:
-    """Time the client in Python: its own JSON, written and read, is in it."""
+def time_python_client(port: int, count: int) -> float:
+    """Return the median time of a plan through the client in Python (s): its own JSON, written and read, is in it."""
+    from runtime.client.client import Client
+
     durations, positions = [], spline().positions
     with Client(f"http://127.0.0.1:{port}") as client:
-        for index in range(HTTPX):
+        for index in range(count):
             begin = time.perf_counter()
-            client.plan(positions[index])
+            client.plan(positions[index % len(positions)])
             durations.append(time.perf_counter() - begin)
-    return {"p50": float(np.median(durations))}
+    return float(np.median(durations))
 
 
 def server_timing(answer: Answer) -> dict[str, float]:
@@ -141,7 +341,7 @@ def server_timing(answer: Answer) -> dict[str, float]:
     return {name: float(milliseconds) * 1e-3 for name, milliseconds in parts}
 
 
-async def measure_clients(port: int, requests: list[bytes], lone_rate: float) -> dict[str, float]:
+async def count_plans(port: int, requests: Sequence[bytes], clients: int, rounds: int, lone_rate: float) -> Clients:
     """Count the plans a second of many clients at once; what is refused is no plan."""
     planned = 0
 
@@ -149,35 +349,33 @@ async def measure_clients(port: int, requests: list[bytes], lone_rate: float) ->
         nonlocal planned
         planned += answer.status == 200
 
-    await in_turn(port, CLIENTS, requests * 2, lambda *_: None)
-    asked = requests * 16
-    duration = await in_turn(port, CLIENTS, asked, check)
+    await in_turn(port, clients, [*requests] * 2, lambda *_: None)
+    asked = [*requests] * rounds
+    duration = await in_turn(port, clients, asked, check)
     rate = planned / duration
-    return {"rate": rate, "ratio": rate / lone_rate, "refused": len(asked) - planned}
+    return Clients(rate, rate / lone_rate, len(asked) - planned)
 
 
-async def measure_nonce(port: int) -> dict[str, float]:
-    """Give each request a command of its own and look for it in its reply."""
-    nonces = [1e-9 * (index + 1) for index in range(NONCES)]
+async def count_wrong_answers(port: int, count: int) -> int:
+    """Give each request a command of its own and look for it in its answer; return how many are not there."""
+    nonces = [1e-9 * (index + 1) for index in range(count)]
     requests = [post_plan(np.full((NONCE_SAMPLES, 2), (nonce, 0.0))) for nonce in nonces]
     wrong = 0
 
     def check(index: int, answer: Answer) -> None:
         nonlocal wrong
-        found = orjson.loads(answer.body)["command"]["position"] if answer.status == 200 else []
+        found = json.loads(answer.body)["command"]["position"] if answer.status == 200 else []
         wrong += found != [[nonces[index], 0.0]] * NONCE_SAMPLES
 
-    await in_turn(port, 32, requests, check)
-    return {"wrong": wrong}
+    await in_turn(port, NONCE_CLIENTS, requests, check)
+    return wrong
 
 
-async def measure_flood(
-    port: int, requests: list[bytes], peak: float, lone_p99: float, seconds: float
-) -> dict[str, float]:
+async def flood(port: int, requests: Sequence[bytes], peak: float, lone_p99: float, seconds: float) -> Flooded:
     """Ask for three times as many plans as can be made, watch the health, and wait until all is as before."""
     over = asyncio.Event()
     watching = asyncio.create_task(probe(port, "/health/ready", 0.02, over))
-    flood = await at_rate(port, 3.0 * peak, seconds, requests, FLOOD_CONNECTIONS)
+    sent = await at_rate(port, 3.0 * peak, seconds, requests, FLOOD_CONNECTIONS)
     over.set()
     ended, connection = time.perf_counter(), Connection(port)
     while time.perf_counter() - ended < RECOVERY:
@@ -185,27 +383,29 @@ async def measure_flood(
         if answer.status == 200 and answer.duration <= 2.0 * lone_p99:
             break
     recovery = time.perf_counter() - ended
-    right = [status == 200 or (status == 503 and retry) for status, retry, _ in flood.answers]
-    return {
-        "rate": 3.0 * peak,
-        "planned": sum(status == 200 for status, *_ in flood.answers),
-        "refused": sum(status == 503 for status, *_ in flood.answers),
-        "other": len(right) - sum(right),
-        "unanswered": flood.lost,
-        "unsent": flood.unsent,
-        "longest": max(duration for *_, duration in flood.answers),
-        "ready_p99": float(np.percentile(await watching, 99.0)),
-        "recovery": recovery,
-    }
+    right = [status == 200 or (status == 503 and retry) for status, retry, _ in sent.answers]
+    return Flooded(
+        rate=3.0 * peak,
+        planned=sum(status == 200 for status, *_ in sent.answers),
+        refused=sum(status == 503 for status, *_ in sent.answers),
+        other=len(right) - sum(right),
+        unanswered=sent.lost,
+        unsent=sent.unsent,
+        longest=max(duration for *_, duration in sent.answers),
+        ready_p99=float(np.percentile(await watching, 99.0)),
+        recovery=recovery,
+    )
 
 
-def measure_stream(port: int, packed: bool) -> float:
+def time_stream(port: int, packed: bool, steps: int) -> float:
     """Return the 99th percentile of a step's round trip (s)."""
+    from runtime.client.stream import RemoteStream
+
     durations, pan = [], np.zeros(4)
     position = spline().positions[0]
     with RemoteStream(f"http://127.0.0.1:{port}", position, packed=packed) as remote:
         sliding = np.array([*position[0], 0.0, 0.0])
-        for _ in range(STREAM_STEPS):
+        for _ in range(steps):
             begin = time.perf_counter()
             u = remote.step(np.tile(pan, (remote.chunk, 1)), np.tile(sliding, (remote.chunk, 1)))
             durations.append(time.perf_counter() - begin)
@@ -214,9 +414,9 @@ def measure_stream(port: int, packed: bool) -> float:
     return float(np.percentile(durations, 99.0))
 
 
-async def measure_soak(
-    port: int, processes: list[int], requests: list[bytes], peak: float, minutes: float
-) -> dict[str, float]:
+async def soak(
+    port: int, processes: Sequence[int], requests: Sequence[bytes], clients: Clients, settings: ServerSettings
+) -> Soaked:
     """Ask for half as many plans as can be made, for long or until interrupted, and watch what the processes hold."""
     over, begin = asyncio.Event(), time.perf_counter()
     held: list[list[float]] = []
@@ -225,26 +425,26 @@ async def measure_soak(
         while not over.is_set():
             elapsed = time.perf_counter() - begin
             if len(held) % 60 == 0:
-                say("benchmarks.sections.server", f"soak: {elapsed / 60.0:.0f} of {minutes:g} min, {_told(held)}")
+                say(NAME, f"soak: {elapsed / 60.0:.0f} of {settings.minutes:g} min, {_told(held)}")
             held.append([elapsed, *(number for each in processes for number in process_state(each))])
             await asyncio.sleep(1.0)
 
     watching = asyncio.create_task(watch())
     with suppress(asyncio.CancelledError):  # interrupted: what has been seen is told
-        await at_rate(port, 0.5 * peak, minutes * 60.0, requests, CLIENTS)
+        await at_rate(port, 0.5 * clients.rate, settings.minutes * 60.0, requests, settings.clients)
     over.set()
     await watching
     states = np.array(held[len(held) // 4 :])
     slopes = [float(np.polyfit(states[:, 0], states[:, column], 1)[0]) * 600.0 for column in (1, 4)]
     more = states[-10:].max(axis=0) - states[:10].max(axis=0)
-    return {
-        "minutes": held[-1][0] / 60.0,
-        "slope_server": slopes[0],
-        "slope_planning": slopes[1],
-        "slope": sum(slopes),
-        "threads": float(more[2] + more[5]),
-        "descriptors": float(more[3] + more[6]),
-    }
+    return Soaked(
+        minutes=held[-1][0] / 60.0,
+        slope_server=slopes[0],
+        slope_planning=slopes[1],
+        slope=sum(slopes),
+        threads=float(more[2] + more[5]),
+        descriptors=float(more[3] + more[6]),
+    )
 
 
 def _told(held: list[list[float]]) -> str:
@@ -271,47 +471,20 @@ def processor_time(number: int) -> float:
     return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
 
 
-def bench_server(
-    soak: Annotated[bool, typer.Option("--soak", help="Flood for 60 s, and long at half load.")] = False,
-    minutes: Annotated[float, typer.Option("--minutes", min=1.0, help="Length of the soak.")] = 20.0,
-    port: Annotated[int, typer.Option("--port", help="Port to serve on.")] = 8765,
-    as_json: AsJson = False,
-) -> None:
-    """Measure the server under load, and say what is missed; interrupted, tell what has been measured."""
-    requests = [post_plan(position) for position in spline().positions]
-    results: dict[str, dict[str, Any]] = {"samples": {"each": SAMPLES}}
-    with suppress(KeyboardInterrupt), serving(port) as processes:
-        results["lone"] = lone = measure_lone(port, processes, requests)
-        results["httpx"] = measure_httpx(port)
-        results["clients"] = clients = asyncio.run(measure_clients(port, requests, lone["rate"]))
-        results["nonce"] = asyncio.run(measure_nonce(port))
-        seconds = 60.0 if soak else 20.0
-        results["flood"] = asyncio.run(measure_flood(port, requests, clients["rate"], lone["p99"], seconds))
-        results["stream"] = {
-            "json_p99": measure_stream(port, packed=False),
-            "packed_p99": measure_stream(port, packed=True),
-        }
-        if soak:
-            results["soak"] = asyncio.run(measure_soak(port, processes, requests, clients["rate"], minutes))
-    missed = []
-    rows = [
-        (f"{name} {key}".replace("_", " "), f"{it:.4g}") for name, part in results.items() for key, it in part.items()
-    ]
-    for target in TARGETS:
-        name, key = target.figure.split(".")
-        if name in results:
-            value = results[name][key]
-            met = target.met(value)
-            missed += [] if met else [target.what]
-            verdict = f"{target.text(value)} {target.unit}".rstrip() + ("" if met else ", MISSED")
-            rows.append((f"{target.what} ({target.asked} asked)", verdict))
-    if as_json:
-        print_json({**results, "missed": missed})
-    else:
-        print_table("slide-serve under load", rows)
-    if missed:
-        raise typer.Exit(1)
+def server_tables(measured: Server, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the server's figures, beside their targets."""
+    parts = {} if measured.lone is None else measured.lone.parts
+    details = {"lone.p99": [(f"  {name}, median", MILLISECONDS.text(each)) for name, each in parts.items()]}
+    return targets_table("slide-serve under load", verdicts, details)
 
 
-if __name__ == "__main__":
-    run("benchmarks.sections.server", bench_server)
+SECTION = Section(
+    "server",
+    "slide-serve under load: latency, throughput, a flood, streams; some minutes",
+    ServerSettings(),
+    measure_server,
+    TARGETS,
+    server_tables,
+    timed=True,
+    usual=False,
+)

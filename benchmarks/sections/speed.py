@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import subprocess
 import sys
 import tempfile
@@ -14,34 +13,51 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
+from rich.table import Table
 
-import runtime
-from benchmarks.harness.timing import Spread, interleave
+from benchmarks.harness.section import Measured, Section, Subject
+from benchmarks.harness.tables import span, targets_table
+from benchmarks.harness.targets import MILLISECONDS, SAMPLES_PER_SECOND, SECONDS, TIMES, Target, Verdict
+from benchmarks.harness.timing import Spread, environment_with_runtime, interleave, one_torch_thread
 from benchmarks.suite.families import NOMINAL, SAMPLES, shapes, spline
 from runtime.cli.console import BAD_INPUT
+from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND
 from runtime.documents.checks import FloatArray
-from runtime.errors import SlideError
+from runtime.errors import MissingExtraError, SlideError, extra
 from runtime.network.bundle import Bundle
 from runtime.physics.law import compile_law, rollout, rollout_batch
 from runtime.planner import Planner
 
-SINGLE_ROUNDS = 60
-"""Single plans timed; at least 30 for a percentile to mean something."""
-
-BATCH = 64
-BATCH_ROUNDS = 10
-
-LAW_ROUNDS = 7
 LAW_SAMPLES = 300
-LAW_BATCHES = (8, 16, 24, 32, 48, 64, 96, 128)
-"""Numbers of trajectories at which the batched law is timed against the scalar one in a loop."""
-
-PROCESS_ROUNDS = 5
-
-LARGE_ROUNDS = 12
+"""Samples of a trajectory by which the law alone is timed."""
 
 SLIDE_PLAN = "from runtime.cli.plan import plan_main; plan_main()"
 """What the installed script `slide-plan` runs."""
+
+
+@dataclass(frozen=True)
+class SpeedSettings:
+    """How much is timed.
+
+    Attributes:
+        single_rounds: single plans; at least 30 for a percentile to mean something.
+        batch: commands that are planned at once.
+        batch_rounds: times that this is done.
+        law_rounds: of the law alone.
+        law_batches: numbers of trajectories at which the batched law is timed against the scalar one in a loop.
+        process_rounds: runs of `slide-plan`.
+        large_rounds: single plans of the large network.
+        large_units: its LSTM units per layer; 1024 are the paper's.
+    """
+
+    single_rounds: int = 60
+    batch: int = 64
+    batch_rounds: int = 10
+    law_rounds: int = 7
+    law_batches: tuple[int, ...] = (8, 16, 24, 32, 48, 64, 96, 128)
+    process_rounds: int = 5
+    large_rounds: int = 12
+    large_units: int = 1024
 
 
 @dataclass(frozen=True)
@@ -84,12 +100,14 @@ class LawSpeed:
 
     Attributes:
         samples: samples in a trajectory.
+        trajectories: most that are rolled out at once.
         scalar: time of a trajectory by the scalar law (s).
-        batched: time of a trajectory by the batched law with LAW_BATCHES[-1] of them (s).
-        crossover: smallest of LAW_BATCHES at which the batched law wins; None if it never does.
+        batched: time of a trajectory by the batched law with so many of them (s).
+        crossover: smallest number of trajectories at which the batched law wins; None if it never does.
     """
 
     samples: int
+    trajectories: int
     scalar: float
     batched: float
     crossover: int | None
@@ -100,7 +118,7 @@ class Speed:
     """Everything this section measures.
 
     Attributes:
-        single, batch: of the bundle, one command at a time and BATCH.
+        single, batch: of the bundle, one command at a time and as many as the settings say.
         compiled: `single` with the law run by numba, on both sides; None if numba is not installed.
         network: the network's part of `single`; None if torch is not installed.
         large: single plans of a network of the paper's size, 8-bit; None if torch is not installed.
@@ -117,25 +135,48 @@ class Speed:
     slide_plan: Spread
 
 
-def measure(planner: Planner, eager: Planner | None, model: Path | None) -> Speed:
-    """Measure the speed of one bundle.
+TARGETS = (
+    Target("single.samples_per_second.median", "single plan", SAMPLES_PER_SECOND, ">=", 150e3),
+    Target("compiled.samples_per_second.median", "single plan, numba's law", SAMPLES_PER_SECOND, ">=", 150e3),
+    Target("compiled.ratio_to_torch", "numba's law, over torch eager", TIMES, ">=", 5.0),
+    Target("batch.samples_per_second.median", "batch of 64", SAMPLES_PER_SECOND, ">=", 500e3),
+    Target("single.ratio_to_torch", "single plan over torch eager", TIMES, ">=", 5.0),
+    Target("large.samples_per_second.median", "single plan, 2 x 1024 units int8", SAMPLES_PER_SECOND, ">=", 57e3),
+    Target("large.ratio_to_torch", "2 x 1024 units over torch eager", TIMES, ">=", 5.5),
+    Target("slide_plan.median", "slide-plan, start to file", SECONDS, "<=", 1.5),
+    Target("network.step.median", "decoder step", MILLISECONDS),
+    Target("network.step_ratio_to_torch", "decoder step over torch eager", TIMES),
+    Target("network.ratio_to_torch", "encoder and decoder over torch eager", TIMES),
+    Target("law.scalar", "law of 300 samples, scalar", MILLISECONDS),
+    Target("law.batched", "law of 300 samples, batched, each", MILLISECONDS),
+)
 
-    Args:
-        planner: the runtime's planner.
-        eager: the same bundle on torch eager, None if torch is not installed.
-        model: the bundle's folder, None for the shipped one.
+
+def measure_speed(subject: Subject, settings: SpeedSettings) -> Measured:
+    """Measure the speed of one bundle, beside torch eager where torch is installed.
 
     Raises:
         SlideError: `slide-plan` failed.
     """
+    try:
+        with extra("train"):
+            from benchmarks.peers.torch_eager import EagerPlanner
+    except MissingExtraError as error:
+        return Measured(_speed(subject, None, settings), [f"torch eager is left out: {error}"])
+    with one_torch_thread():
+        return Measured(_speed(subject, EagerPlanner(subject.folder), settings))
+
+
+def _speed(subject: Subject, eager: Planner | None, settings: SpeedSettings) -> Speed:
+    planner, rounds = subject.planner, settings.single_rounds
     return Speed(
-        single=planning_speed(planner, eager, 1, SINGLE_ROUNDS),
-        compiled=compiled_speed(planner, eager),
-        batch=planning_speed(planner, eager, BATCH, BATCH_ROUNDS),
-        network=None if eager is None else network_speed(planner, eager),
-        large=None if eager is None else large_speed(),
-        law=law_speed(),
-        slide_plan=process_time(model, PROCESS_ROUNDS),
+        single=planning_speed(planner, eager, 1, rounds),
+        compiled=compiled_speed(planner, eager, rounds),
+        batch=planning_speed(planner, eager, settings.batch, settings.batch_rounds),
+        network=None if eager is None else network_speed(planner, eager, rounds),
+        large=None if eager is None else large_speed(settings.large_units, settings.large_rounds),
+        law=law_speed(settings.law_batches, settings.law_rounds),
+        slide_plan=process_time(subject.folder, settings.process_rounds),
     )
 
 
@@ -148,15 +189,15 @@ def planning_speed(planner: Planner, eager: Planner | None, commands: int, round
     return PlanningSpeed(commands, SAMPLES, rates["ours"], rates.get("torch"), ratio)
 
 
-def compiled_speed(planner: Planner, eager: Planner | None) -> PlanningSpeed | None:
+def compiled_speed(planner: Planner, eager: Planner | None, rounds: int) -> PlanningSpeed | None:
     """Plan as `single` does, with the law run by numba."""
     try:
-        return planning_speed(planner, eager, 1, SINGLE_ROUNDS) if compile_law() else None
+        return planning_speed(planner, eager, 1, rounds) if compile_law() else None
     finally:
         compile_law(False)
 
 
-def network_speed(planner: Planner, eager: Planner) -> NetworkSpeed:
+def network_speed(planner: Planner, eager: Planner, rounds: int) -> NetworkSpeed:
     """Run the graphs as a plan does, the encoder once and then step after step, with both engines in turn."""
     manifest, rng = planner.bundle.manifest, np.random.default_rng(0)
     steps = SAMPLES // manifest.chunk
@@ -177,8 +218,8 @@ def network_speed(planner: Planner, eager: Planner) -> NetworkSpeed:
         return run
 
     bundles = {"ours": planner.bundle, "torch": eager.bundle}
-    encoding = interleave({name: encode(bundle) for name, bundle in bundles.items()}, SINGLE_ROUNDS)
-    decoding = interleave({name: decode(bundle) for name, bundle in bundles.items()}, SINGLE_ROUNDS)
+    encoding = interleave({name: encode(bundle) for name, bundle in bundles.items()}, rounds)
+    decoding = interleave({name: decode(bundle) for name, bundle in bundles.items()}, rounds)
     whole = {name: encoding[name] + decoding[name] for name in bundles}
     return NetworkSpeed(
         Spread.of(decoding["ours"] / steps),
@@ -187,18 +228,18 @@ def network_speed(planner: Planner, eager: Planner) -> NetworkSpeed:
     )
 
 
-def large_speed() -> PlanningSpeed:
-    """Plan with a network of the paper's size, 8-bit, and the same size on torch eager, in turn."""
+def large_speed(units: int, rounds: int) -> PlanningSpeed:
+    """Plan with a network of two layers of `units`, 8-bit, and the same size on torch eager, in turn."""
     from benchmarks.peers.large import write_large
     from benchmarks.peers.torch_eager import EagerPlanner
 
     with tempfile.TemporaryDirectory() as folder:
-        bundle = write_large(Path(folder))
-        return planning_speed(Planner(bundle), EagerPlanner(bundle), 1, LARGE_ROUNDS)
+        bundle = write_large(Path(folder), units)
+        return planning_speed(Planner(bundle), EagerPlanner(bundle), 1, rounds)
 
 
 def _action(planner: Planner, commands: int) -> Callable[[], object]:
-    """Return what one round does: the next spline command planned, or as many as asked for at once."""
+    """Return what one round does: the next spline command planned, or the first ones at once."""
     positions = spline().positions
     if commands > 1:
         return lambda: planner.plan_batch(positions[:commands])
@@ -206,17 +247,18 @@ def _action(planner: Planner, commands: int) -> Callable[[], object]:
     return lambda: planner.plan(next(one_by_one))
 
 
-def law_speed() -> LawSpeed:
+def law_speed(batches: Sequence[int], rounds: int) -> LawSpeed:
     """Time the scalar and the batched law on trajectories that stick and slide."""
     rng = np.random.default_rng(0)
-    held = rng.standard_normal((LAW_BATCHES[-1], -(-LAW_SAMPLES // 20), 2)) * 8.0
+    held = rng.standard_normal((batches[-1], -(-LAW_SAMPLES // 20), 2)) * 8.0
     u = np.repeat(held, 20, axis=1)[:, :LAW_SAMPLES]
-    actions = {"scalar": _scalar_law(u[:8])} | {f"{size}": _batched_law(u[:size]) for size in LAW_BATCHES}
+    actions = {"scalar": _scalar_law(u[:8])} | {f"{size}": _batched_law(u[:size]) for size in batches}
     # The quickest round of each: which law wins must not depend on what else the machine was doing.
-    times = {name: float(each.min()) for name, each in interleave(actions, LAW_ROUNDS).items()}
+    times = {name: float(each.min()) for name, each in interleave(actions, rounds).items()}
     scalar = times["scalar"] / 8
-    wins = [size for size in LAW_BATCHES if times[f"{size}"] < size * scalar]
-    return LawSpeed(LAW_SAMPLES, scalar, times[f"{LAW_BATCHES[-1]}"] / LAW_BATCHES[-1], min(wins, default=None))
+    wins = [size for size in batches if times[f"{size}"] < size * scalar]
+    each = times[f"{batches[-1]}"] / batches[-1]
+    return LawSpeed(LAW_SAMPLES, batches[-1], scalar, each, min(wins, default=None))
 
 
 def _scalar_law(u: FloatArray) -> Callable[[], object]:
@@ -229,21 +271,18 @@ def _batched_law(u: FloatArray) -> Callable[[], object]:
     return lambda: rollout_batch(start, u, NOMINAL.static, NOMINAL.kinetic)
 
 
-def process_time(model: Path | None, rounds: int) -> Spread:
+def process_time(model: Path, rounds: int) -> Spread:
     """Time `slide-plan` on a figure eight, from the start of the process to the plan on the disc (s).
 
     Raises:
         SlideError: it failed, or wrote no plan.
     """
-    root = Path(runtime.__file__).resolve().parent.parent
-    paths = [str(root), os.environ.get("PYTHONPATH", "")]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in paths if path)}
+    environment = environment_with_runtime()
     durations = []
     with tempfile.TemporaryDirectory() as folder:
         command_file, plan_file = Path(folder) / "command.csv", Path(folder) / "plan.json"
         write_command(command_file, shapes().positions[shapes().labels.index("eight 0.05 m")])
-        arguments = [sys.executable, "-c", SLIDE_PLAN, str(command_file), "-o", str(plan_file)]
-        arguments += [] if model is None else ["--model", str(model.resolve())]
+        arguments = [sys.executable, "-c", SLIDE_PLAN, str(command_file), "-o", str(plan_file), "--model", str(model)]
         for _ in range(rounds + 1):  # the first one fills the disc cache and does not count
             plan_file.unlink(missing_ok=True)
             durations.append(_run(arguments, environment))
@@ -267,3 +306,39 @@ def write_command(path: Path, position: FloatArray) -> None:
         writer = csv.writer(file)
         writer.writerow(["x", "y"])
         writer.writerows(position.tolist())
+
+
+def speed_tables(speed: Speed, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the speed of planning, beside its targets."""
+    details = {
+        f"{name}.samples_per_second.median": _planning_rows(planning)
+        for name in ("single", "compiled", "batch", "large")
+        if (planning := getattr(speed, name)) is not None
+    }
+    details["slide_plan.median"] = [span(speed.slide_plan, SECONDS)]
+    law = speed.law
+    wins = f"> {law.trajectories}" if law.crossover is None else f"{law.crossover}"
+    details["law.batched"] = [("  of so many at once", f"{law.trajectories}"), ("  batched wins from", wins)]
+    return targets_table("Speed, one thread", verdicts, details)
+
+
+def _planning_rows(speed: PlanningSpeed) -> list[tuple[str, str]]:
+    ours, torch = speed.samples_per_second, speed.torch_samples_per_second
+    rows = [
+        span(ours, SAMPLES_PER_SECOND),
+        (f"  over the paper's {PAPER_SAMPLES_PER_SECOND:g}", f"{ours.median / PAPER_SAMPLES_PER_SECOND:,.0f} x"),
+    ]
+    if torch is not None:
+        rows += [("  torch eager", f"{torch.median:,.0f}"), ("  over torch eager", f"{speed.ratio_to_torch:.2f} x")]
+    return rows
+
+
+SECTION = Section(
+    "speed",
+    "samples planned per second, beside torch eager; the law alone; slide-plan from start to file",
+    SpeedSettings(),
+    measure_speed,
+    TARGETS,
+    speed_tables,
+    timed=True,
+)

@@ -1,54 +1,81 @@
-"""What training costs on one thread: a step, friction's share of it, and whole configurations."""
+"""What training costs on one thread: the trainer's own step, friction's share of it, and whole configurations.
+
+A step is `train.learn.trainer.Trainer.step` on a batch of the loss L (Eq. 21): forward, the configuration's loss,
+backward, the bound on the gradient, the configuration's optimizer, the moving average of the weights, and the tracking
+error that is reported. Not in it are the drawing of commands, which the trainer does in another thread, disturbances,
+validation and checkpoints.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
+from rich.table import Table
 
-from benchmarks.harness.timing import Spread, interleave
+from benchmarks.harness.section import Measured, Section, Subject
+from benchmarks.harness.tables import span, table, targets_table
+from benchmarks.harness.targets import PERCENT, Target, Unit, Verdict
+from benchmarks.harness.timing import Spread, interleave, one_torch_thread
 from benchmarks.suite.families import spline
-from train.batches.batches import Batch, make_batch
-from train.config import CONFIGURATIONS, Precision, TrainConfig
-from train.learn.losses import Weights, loss_object
-from train.learn.trainer import settle_precision
-from train.network.checkpoint import build_model
-from train.network.model import Seq2Seq
-from train.physics.closed_loop import decode
-from train.physics.rollout import rollout
+from runtime.errors import extra
 
-BATCH = 64
-SAMPLES = 1000
-ROUNDS = 10
+if TYPE_CHECKING:  # torch may not be installed
+    from torch import Tensor
+
+    from train.batches.batches import Batch
+    from train.config import TrainConfig
 
 SLIPPERY = (0.02, 0.01)
-"""Static and kinetic friction of the step that is timed.
+"""Static and kinetic friction of the steps that are timed.
 
 An untrained network's accelerations, well under 1 m/s^2, would leave every object stuck, where friction and its
 adjoint are cheapest; on a pan this slippery the objects slide.
 """
 
-PROJECTED = {
-    "base": CONFIGURATIONS["base"],
-    "base, 512 units": CONFIGURATIONS["base"].model_copy(update={"units": 512}),
-    "paper": CONFIGURATIONS["paper"],
-    "paper, float32": CONFIGURATIONS["paper"].model_copy(update={"precision": "float32"}),
-}
-"""Configurations whose whole cost is projected from a step or two."""
 
-PROJECTION_ROUNDS = 2
+class Variation(NamedTuple):
+    """A configuration of the training, by name, and what is changed in it."""
+
+    configuration: str
+    changes: Mapping[str, object] = {}
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """Which steps are timed.
+
+    Attributes:
+        configuration: whose step is timed and taken apart.
+        batch, samples: trajectories of that step, and their length.
+        rounds: steps.
+        projected: configurations whose whole cost is projected.
+        projection_rounds: steps of each of these.
+    """
+
+    configuration: str = "default"
+    batch: int = 64
+    samples: int = 1000
+    rounds: int = 10
+    projected: tuple[Variation, ...] = (
+        Variation("base"),
+        Variation("base", {"units": 512}),
+        Variation("default"),
+        Variation("paper"),
+        Variation("paper", {"precision": "float32"}),
+    )
+    projection_rounds: int = 2
 
 
 @dataclass(frozen=True)
 class Projection:
-    """What a whole configuration would cost on one thread, from steps at its mean length.
+    """What a whole configuration would cost on one thread, from steps of its own batch at its mean length.
 
-    Times are of the processor, so that what else the machine does counts little. Drawing the commands and validating
-    after each epoch are left out.
+    Times are of the processor, so that what else the machine does counts little.
 
     Attributes:
         configuration: its name.
@@ -56,17 +83,17 @@ class Projection:
         batch: trajectories of a step.
         samples: mean length of a trajectory, to a whole chunk.
         precision: of the network's matrix products, as the configuration trains on this machine.
-        step: forward, backward and Adam (s).
-        epoch: all of its steps (s).
+        step: one step (s).
+        epoch: all steps of an epoch (s).
         steps: of the whole run.
-        duration: of the whole run (s).
+        duration: all steps of the whole run (s).
     """
 
     configuration: str
     units: int
     batch: int
     samples: int
-    precision: Precision
+    precision: str
     step: float
     epoch: float
     steps: int
@@ -75,24 +102,26 @@ class Projection:
 
 @dataclass(frozen=True)
 class Training:
-    """The cost of a training step.
+    """The cost of training.
 
     Attributes:
+        configuration: its name.
         units: LSTM units per layer.
         batch: trajectories.
         samples: samples of a trajectory.
         precision: of the network's matrix products, as the configuration trains on this machine.
-        step: forward and backward (s).
+        step: one step (s).
         step_float32: the same in float32 (s); None if that is the precision.
         friction: the rollout and its adjoint alone, same shapes and motion (s).
         friction_share: median of friction over step, round by round (0 to 1).
         projections: the cost of whole configurations.
     """
 
+    configuration: str
     units: int
     batch: int
     samples: int
-    precision: Precision
+    precision: str
     step: Spread
     step_float32: Spread | None
     friction: Spread
@@ -100,88 +129,121 @@ class Training:
     projections: tuple[Projection, ...]
 
 
-def measure(
-    config: TrainConfig = CONFIGURATIONS["default"],
-    rounds: int = ROUNDS,
-    projected: Mapping[str, TrainConfig] = PROJECTED,
-) -> Training:
-    """Time a training step of `config`, batch and length apart, and the rollouts in it by themselves."""
-    with torch.random.fork_rng():  # building a network seeds torch's own generator
-        model = build_model(config)
-    batch = _batch(BATCH, SAMPLES // config.chunk * config.chunk)
-    weights = Weights(config.alpha, config.beta, config.gamma, config.pan_limit)
-    chunks = decoded_chunks(model, batch)
-    precision = settle_precision(config.precision, torch.device("cpu"))
-    actions = {
-        "friction": lambda: slide(chunks, batch),
-        precision: lambda: step(model, batch, weights, precision),
-        "float32": lambda: step(model, batch, weights, "float32"),  # the same entry if that is the precision
-    }
-    durations = interleave(actions, rounds)
+THOUSANDTHS = Unit("s", show="{:.3f}")
+
+TARGETS = (
+    Target("step.median", "training step", THOUSANDTHS, "<=", 0.4),
+    Target("step_float32.median", "training step in float32", THOUSANDTHS),
+    Target("friction_share", "friction's share of a step", PERCENT, "<", 0.1),
+    Target("friction.median", "friction and its adjoint", Unit("s", show="{:.4f}")),
+)
+
+
+def measure_training(subject: Subject, settings: TrainingSettings) -> Measured:
+    """Time steps of the training; the bundle plays no part in it.
+
+    Raises:
+        MissingExtraError: torch, or what else the training needs, is not installed.
+    """
+    with extra("train"):
+        import train.learn.trainer  # noqa: F401
+        from train.config import load_config
+    configuration = load_config(settings.configuration)
+    projected = [load_config(name, **changes) for name, changes in settings.projected]
+    with one_torch_thread():
+        projections = tuple(project(each, settings.projection_rounds) for each in projected)
+        return Measured(_training(configuration, settings, projections))
+
+
+def _training(config: TrainConfig, settings: TrainingSettings, projections: tuple[Projection, ...]) -> Training:
+    batch = slippery_batch(settings.batch, settings.samples // config.chunk * config.chunk)
+    own, precision = trainer_step(config, batch)
+    chunks = decoded_chunks(config, batch)
+    actions = {"friction": lambda: slide(chunks, batch), precision: own}
+    if precision != "float32":
+        actions["float32"] = trainer_step(config.model_copy(update={"precision": "float32"}), batch)[0]
+    durations = interleave(actions, settings.rounds)
     return Training(
+        configuration=config.name,
         units=config.units,
-        batch=BATCH,
+        batch=settings.batch,
         samples=batch.mask.shape[1],
         precision=precision,
         step=Spread.of(durations[precision]),
         step_float32=None if precision == "float32" else Spread.of(durations["float32"]),
         friction=Spread.of(durations["friction"]),
         friction_share=float(np.median(durations["friction"] / durations[precision])),
-        projections=tuple(project(name, each) for name, each in projected.items()),
+        projections=projections,
     )
 
 
-def project(name: str, config: TrainConfig) -> Projection:
+def project(config: TrainConfig, rounds: int) -> Projection:
     """Time steps of `config` at its own batch and mean length, and multiply."""
-    with torch.random.fork_rng():
-        model = build_model(config)
     samples = round(sum(config.samples) / 2 / config.chunk) * config.chunk
-    batch, weights = _batch(config.batch, samples), Weights(config.alpha, config.beta, config.gamma, config.pan_limit)
-    precision = settle_precision(config.precision, torch.device("cpu"))
-    optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
-
-    def whole_step() -> None:
-        step(model, batch, weights, precision)
-        optimizer.step()
-
-    whole_step()  # warms up
+    step, precision = trainer_step(config, slippery_batch(config.batch, samples))
+    step()  # warms up
     begin = time.process_time()
-    for _ in range(PROJECTION_ROUNDS):
-        whole_step()
-    duration = (time.process_time() - begin) / PROJECTION_ROUNDS
+    for _ in range(rounds):
+        step()
+    duration = (time.process_time() - begin) / rounds
     steps = config.trajectories // config.batch
-    whole = config.epochs * steps
     return Projection(
-        name, config.units, config.batch, samples, precision, duration, steps * duration, whole, whole * duration
+        configuration=config.name,
+        units=config.units,
+        batch=config.batch,
+        samples=samples,
+        precision=precision,
+        step=duration,
+        epoch=steps * duration,
+        steps=config.epochs * steps,
+        duration=config.epochs * steps * duration,
     )
 
 
-def _batch(count: int, samples: int) -> Batch:
+def slippery_batch(count: int, samples: int) -> Batch:
     """Return the beginnings of the spline commands, as often as it takes, as a batch of the training."""
+    from train.batches.batches import make_batch
+
     commands = spline().positions
     position = np.stack([commands[index % len(commands)][:samples] for index in range(count)])
     static, kinetic = (np.full(count, coefficient) for coefficient in SLIPPERY)
     return make_batch(position, np.full(count, samples), None, static, kinetic)
 
 
-def step(model: Seq2Seq, batch: Batch, weights: Weights, precision: Precision) -> None:
-    """Do the forward and the backward pass of the loss L (Eq. 21)."""
-    with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bfloat16"):
-        motion = decode(model, batch.command, batch.static, batch.kinetic)
-    loss = loss_object(motion.states, motion.u, motion.covariance, batch.object_position, batch.mask, weights)
-    model.zero_grad(set_to_none=True)
-    loss.backward()  # type: ignore[no-untyped-call]
+def trainer_step(config: TrainConfig, batch: Batch) -> tuple[Callable[[], object], str]:
+    """Return a step of the trainer on a batch, in the last epoch of the configuration, and the precision it has."""
+    import torch
+
+    from train.batches.batches import Drawn
+    from train.curriculum import CURRICULA, task_at
+    from train.learn.trainer import Trainer
+
+    with torch.random.fork_rng():  # building a network seeds torch's own generator
+        trainer = Trainer(config.model_copy(update={"threads": 1}), Path())  # a step writes nothing into the folder
+    task = task_at(CURRICULA[config.curriculum], config.model, config.epochs, config.epochs)
+    drawn = Drawn(False, batch, None)
+    return lambda: trainer.step(0, task, drawn), trainer.config.precision
 
 
-def decoded_chunks(model: Seq2Seq, batch: Batch) -> list[Tensor]:
-    """Return the pan accelerations of a step, (B, C, 2) a chunk, as leaves to differentiate by."""
-    with torch.no_grad():
+def decoded_chunks(config: TrainConfig, batch: Batch) -> list[Tensor]:
+    """Return an untrained network's pan accelerations, (B, C, 2) a chunk, as leaves to differentiate by."""
+    import torch
+
+    from train.network.checkpoint import build_model
+    from train.physics.closed_loop import decode
+
+    with torch.random.fork_rng(), torch.no_grad():
+        model = build_model(config)
         u = decode(model, batch.command, batch.static, batch.kinetic).u
     return [chunk.contiguous().requires_grad_() for chunk in torch.split(u, model.chunk, dim=1)]
 
 
 def slide(chunks: list[Tensor], batch: Batch) -> None:
     """Do only what friction does in a step: its rollouts, chunk after chunk, and their adjoints."""
+    import torch
+
+    from train.physics.rollout import rollout
+
     start = torch.zeros(len(chunks[0]), 8, dtype=torch.float64)
     moved = []
     for u in chunks:
@@ -189,3 +251,36 @@ def slide(chunks: list[Tensor], batch: Batch) -> None:
         start = states[:, -1]
         moved.append(states)
     torch.autograd.grad(moved, chunks, [torch.ones_like(states) for states in moved])
+
+
+def training_tables(training: Training, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the cost of a step beside its targets, and that of whole configurations."""
+    details = {"step.median": [span(training.step, THOUSANDTHS)]}
+    size = f"{training.batch} x {training.samples} samples, {training.precision}"
+    title = f"Training step of {training.configuration}, one thread: {size}"
+    rows = [
+        (
+            each.configuration,
+            f"{each.units}",
+            f"{each.batch} x {each.samples}, {each.precision}",
+            f"{each.step:.2f}",
+            f"{each.epoch / 60.0:.1f}",
+            f"{each.steps:,}",
+            f"{each.duration / 3600.0:.1f}",
+        )
+        for each in training.projections
+    ]
+    header = ("configuration", "units", "step", "s/step", "min/epoch", "steps", "hours")
+    whole = table("Whole trainings on one thread, steps only, projected from a few of them", header, rows)
+    return [*targets_table(title, verdicts, details), whole]
+
+
+SECTION = Section(
+    "training",
+    "the trainer's own step, friction's share of it, and the cost of whole trainings",
+    TrainingSettings(),
+    measure_training,
+    TARGETS,
+    training_tables,
+    timed=True,
+)

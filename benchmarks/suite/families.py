@@ -78,6 +78,11 @@ class Family:
         """Return the number of commands."""
         return len(self.positions)
 
+    def first(self, commands: int | None) -> Family:
+        """Return the family with its first commands only, or all of it if None."""
+        some = slice(commands)
+        return Family(self.name, self.positions[some], self.frictions[some], self.labels[some])
+
 
 @cache
 def spline() -> Family:

@@ -1,8 +1,7 @@
 """Outlines of letters and digits: commands with corners, faster than what is trained on, that no generator draws.
 
 What people write by hand is not in this project; these stand in for it, and are harder: an outline is twice as long as
-the stroke of a pen. They are no part of the suite;
-`python -m benchmarks.sections.peers --family letters` measures them.
+the stroke of a pen. They are no part of the suite; `slide-bench peers --family letters` measures them.
 """
 
 from __future__ import annotations

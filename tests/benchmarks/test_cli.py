@@ -1,192 +1,201 @@
-"""`slide-bench`: its JSON, its tables, its exit codes."""
+"""`slide-bench`: its options, its JSON, its tables, its exit codes."""
 
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks import cli
-from benchmarks.harness.targets import TARGETS, Target, judge
-from benchmarks.peers import large
-from benchmarks.sections import accuracy, control, speed, training
-from benchmarks.sections import long as endurance
-from benchmarks.sections import refine as refinement
+from benchmarks.cli import SECTIONS, USUAL, Results, bench_main, measure_sections, settings_of
+from benchmarks.harness.section import Subject
+from benchmarks.harness.tables import WIDTH, print_tables
+from benchmarks.sections.training import Variation
 from benchmarks.suite.families import FRICTION_GRID
+from runtime.errors import MissingExtraError
 from runtime.network.reader import Window
-from train.config import CONFIGURATIONS
 
-FIGURES = {
-    "commands",
-    "tracking_mean",
-    "tracking_median",
-    "tracking_p95",
-    "tracking_max",
-    "worst",
-    "pan_reach_mean",
-    "pan_reach_max",
-    "pan_reach_share",
-    "acceleration_max",
-    "acceleration_mean",
-    "change_mean",
-    "no_better_than_unmoved",
-    "samples_per_second",
+SHORT: dict[str, dict[str, Any]] = {
+    "accuracy": {"family": ("spline", "friction"), "commands": 2},
+    "speed": {
+        "single_rounds": 1,
+        "batch": 2,
+        "batch_rounds": 1,
+        "law_rounds": 1,
+        "law_batches": (8, 16),
+        "process_rounds": 1,
+        "large_rounds": 1,
+        "large_units": 16,
+    },
+    "control": {"steps": 30, "share_rounds": 2, "start_rounds": 1},
+    "refine": {"commands": 1, "candidates": 8, "iterations": 1},
+    "long": {
+        "seconds": 3.6,
+        "commands": 1,
+        "short": 1,
+        "windows": (Window(unread=3), Window(5, 2)),
+        "seeds": 1,
+    },
+    "training": {
+        "configuration": "smoke",
+        "batch": 4,
+        "samples": 250,
+        "rounds": 1,
+        "projected": (Variation("smoke", {"units": 8}),),
+        "projection_rounds": 1,
+    },
 }
+"""Settings with which little is measured: here only the form of the results counts."""
 
 
-@pytest.fixture(autouse=True)
-def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Time little, and train a small network: here only the form of the results counts."""
-    for name in ("SINGLE_ROUNDS", "BATCH_ROUNDS", "LAW_ROUNDS", "PROCESS_ROUNDS", "LARGE_ROUNDS"):
-        monkeypatch.setattr(speed, name, 1)
-    for name, count in (("STEPS", 30), ("SHARE_ROUNDS", 2), ("START_ROUNDS", 1)):
-        monkeypatch.setattr(control, name, count)
-    monkeypatch.setattr(large, "UNITS", 16)
-    monkeypatch.setattr(refinement, "COMMANDS", 1)
-    for name, value in (
-        ("SECONDS", 3.6),
-        ("COMMANDS", 1),
-        ("SHORT", 1),
-        ("SEEDS", 1),
-        ("WINDOWS", (Window(unread=3), Window(5, 2))),
-    ):
-        monkeypatch.setattr(endurance, name, value)
-    measure = training.measure
-    smoke = CONFIGURATIONS["smoke"]
-    monkeypatch.setattr(training, "measure", lambda: measure(smoke, rounds=1, projected={"smoke": smoke}))
+@pytest.fixture(scope="module")
+def subject(tiny_bundle: Path) -> Subject:
+    return Subject.load(tiny_bundle)
 
 
-@pytest.fixture
-def one_family(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Measure one family only."""
-    measure_suite = accuracy.measure_suite
-    monkeypatch.setattr(accuracy, "measure_suite", lambda plan: measure_suite(plan, ["spline"]))
+@pytest.fixture(scope="module")
+def usual(subject: Subject) -> Results:
+    """The sections that are measured where none is named."""
+    return measure(subject, USUAL)
+
+
+def measure(subject: Subject, names: Sequence[str]) -> Results:
+    return measure_sections(subject, {name: replace(SECTIONS[name].settings, **SHORT[name]) for name in names})
 
 
 def bench(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     """Run `slide-bench` in this process; returns its exit code."""
     monkeypatch.setattr(sys, "argv", ["slide-bench", *map(str, arguments)])
     with pytest.raises(SystemExit) as caught:
-        cli.bench_main()
+        bench_main()
     return int(caught.value.code or 0)
 
 
-def ask(monkeypatch: pytest.MonkeyPatch, limit: float) -> None:
-    target = Target("accuracy.families.spline.tracking_mean", "spline, mean RMSE", "mm", "<=", limit, "{:.2f}", 1e3)
-    monkeypatch.setattr("benchmarks.harness.targets.TARGETS", (target,))
+def test_every_file_of_sections_is_a_section() -> None:
+    folder = Path(__file__).parents[2] / "benchmarks" / "sections"
+    assert sorted(SECTIONS) == sorted(path.stem for path in folder.glob("[a-z]*.py"))
+    assert set(SHORT) == set(USUAL)
 
 
-def test_accuracy_as_json_is_one_object_with_every_family(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
-) -> None:
-    code = bench(monkeypatch, "--model", tiny_bundle, "--only", "accuracy", "--json")
-    captured = capsys.readouterr()
-    results = json.loads(captured.out)
-    assert code == 1  # an untrained network is no good
-    assert set(results) == {"format", "model", "machine", "versions", "accuracy", "notes", "targets"}
-    assert results["format"] == "slide-bench/1"
-    families = results["accuracy"]["families"]
-    assert set(families) == {"spline", "shapes", "stops", "long", "short", "odd", "friction"}
-    assert all(set(figures) == FIGURES for figures in [*families.values(), results["accuracy"]["total"]])
-    assert len(results["accuracy"]["friction"]) == len(FRICTION_GRID)
-    assert [target["figure"] for target in results["targets"]] == [
-        target.figure for target in TARGETS if target.figure.startswith("accuracy")
-    ]
-    assert captured.err.startswith("slide-bench: missed ")
-    assert captured.err.count("\n") == 1
+def test_every_target_is_a_figure_that_is_measured(usual: Results) -> None:
+    left_out = {"families.shapes.tracking_mean", "families.shapes.tracking_max"}
+    left_out |= {"step_float32.median"} if usual.figures["training"].step_float32 is None else set()
+    for name in USUAL:
+        measured = [verdict.target.figure for verdict in usual.verdicts[name]]
+        assert measured == [target.figure for target in SECTIONS[name].targets if target.figure not in left_out]
 
 
-def test_speed_and_training_as_json(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
-) -> None:
-    bench(monkeypatch, "--model", tiny_bundle, "--only", "speed", "--only", "control", "--only", "training", "--json")
-    results = json.loads(capsys.readouterr().out)
-    assert "accuracy" not in results
-    assert set(results["speed"]) == {"single", "compiled", "batch", "network", "large", "law", "slide_plan"}
-    for name, commands in (("single", 1), ("compiled", 1), ("large", 1), ("batch", 64)):
-        planning = results["speed"][name]
-        assert planning["commands"] == commands
-        assert planning["ratio_to_torch"] > 0.0
-        assert set(planning["samples_per_second"]) == {"median", "p10", "p90", "count"}
-    assert all(results["speed"]["network"][name] > 0.0 for name in ("step_ratio_to_torch", "ratio_to_torch"))
-    assert results["control"]["step"]["count"] == 30
-    assert results["control"]["step"]["p50"] <= results["control"]["step"]["p99"] <= results["control"]["step"]["p999"]
-    assert 10e6 < results["control"]["memory"] < 1e9
-    assert 0.0 < results["training"]["friction_share"] < 1.0
-    assert results["training"]["samples"] == 1000
-    (projection,) = results["training"]["projections"]
-    assert (projection["configuration"], projection["samples"], projection["steps"]) == ("smoke", 300, 20)
-    assert projection["epoch"] == pytest.approx(2 * projection["step"])
-    assert projection["duration"] == pytest.approx(20 * projection["step"])
-    sections = ("speed", "control", "training")
-    assert [target["figure"] for target in results["targets"]] == [
-        target.figure for target in TARGETS if target.figure.startswith(sections)
-    ]
+def test_document_is_json_with_a_part_for_each_section(usual: Results) -> None:
+    document = json.loads(json.dumps(usual.to_dict(), allow_nan=False))
+    assert set(document) == {"format", "model", "machine", "versions", "notes", "targets", *USUAL}
+    assert document["format"] == "slide-bench/2"
+    assert document["model"]["name"] == "tiny"
+    for target in document["targets"]:
+        found: Any = document
+        for key in target["figure"].split("."):
+            found = found[int(key)] if isinstance(found, list) else found[key]
+        assert found == target["value"]
+        assert isinstance(target["met"], bool)
 
 
-def test_refinement_and_long_commands_as_json(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
-) -> None:
-    monkeypatch.setattr(cli, "_optimizer", lambda: lambda positions, _: [0.0 * position for position in positions])
-    bench(monkeypatch, "--model", tiny_bundle, "--only", "refine", "--only", "long", "--json")
-    results = json.loads(capsys.readouterr().out)
-    refined = results["refine"]["families"]
-    assert set(refined) == {"spline", "shapes", "stops", "long", "short", "odd"}
+def test_speed_is_measured_on_both_engines(usual: Results) -> None:
+    speed = usual.figures["speed"]
+    for planning, commands in ((speed.single, 1), (speed.compiled, 1), (speed.large, 1), (speed.batch, 2)):
+        assert planning.commands == commands
+        assert planning.ratio_to_torch > 0.0
+    assert min(speed.network.step_ratio_to_torch, speed.network.ratio_to_torch) > 0.0
+
+
+def test_a_controller_s_figures_are_ordered(usual: Results) -> None:
+    control = usual.figures["control"]
+    assert control.step.count == 30
+    assert control.step.median <= control.step.p99 <= control.step.p999
+    assert 10e6 < control.memory < 1e9
+
+
+def test_refinement_makes_no_plan_worse(usual: Results) -> None:
+    refined = usual.figures["refine"]
+    assert set(refined.families) == {"spline", "shapes", "stops", "long", "short", "odd"}
     # On a busy machine the time may be up before a step is done.
-    assert all(0.0 < each["after"] <= each["before"] and each["optimizer"] > 0.0 for each in refined.values())
-    assert results["refine"]["worse"] == 0
-    assert 0.0 <= results["refine"]["reduction"] < 1.0
-    windows = results["long"]["windows"]
-    assert [(each["chunks"], each["unread"]) for each in windows] == [(None, 3), (5, 2)]
-    assert windows[0]["families"] != windows[1]["families"]
-    assert 0.0 < results["long"]["memory_third"] < results["long"]["memory"]
-    assert results["long"]["recovery"]["ratio"] > 0.0
+    assert all(0.0 < each.after <= each.before and each.optimizer > 0.0 for each in refined.families.values())
+    assert refined.worse == 0
 
 
-@pytest.mark.usefixtures("one_family")
-@pytest.mark.parametrize(("limit", "code"), [(1.0, 0), (1e-3, 1)])
-def test_the_exit_code_says_whether_the_figures_are_met(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path, limit: float, code: int
-) -> None:
-    ask(monkeypatch, limit)
-    assert bench(monkeypatch, "--model", tiny_bundle, "--only", "accuracy") == code
-    captured = capsys.readouterr()
-    assert ("MISSED" in captured.out) == bool(code)
-    assert bool(captured.err) == bool(code)
+def test_windows_of_long_commands_differ(usual: Results) -> None:
+    endurance = usual.figures["long"]
+    assert [(each.chunks, each.unread) for each in endurance.windows] == [(None, 3), (5, 2)]
+    assert endurance.windows[0].families != endurance.windows[1].families
+    assert 0.0 < endurance.memory_third < endurance.memory
+    assert endurance.recovery.ratio > 0.0
 
 
-@pytest.mark.usefixtures("one_family")
-def test_tables_fit_into_80_columns(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
-) -> None:
-    monkeypatch.setattr(cli, "_optimizer", lambda: lambda positions, _: [0.0 * position for position in positions])
-    bench(monkeypatch, "--model", tiny_bundle)
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 80
-    text = "\n".join(lines)
-    for target in TARGETS:
-        measured = not target.figure.startswith(("accuracy.families.shapes", "accuracy.friction"))
-        assert (target.what in text) == measured
-        assert not measured or target.asked in text
+def test_cost_of_a_training_is_that_of_all_its_steps(usual: Results) -> None:
+    training = usual.figures["training"]
+    assert 0.0 < training.friction_share < 1.0
+    assert (training.configuration, training.batch, training.samples) == ("smoke", 4, 200)
+    (projection,) = training.projections
+    assert (projection.units, projection.samples, projection.steps) == (8, 300, 20)
+    assert projection.epoch == pytest.approx(2 * projection.step)
+    assert projection.duration == pytest.approx(20 * projection.step)
 
 
-@pytest.mark.usefixtures("one_family")
-def test_the_results_are_written_to_a_file(
+def test_tables_fit_into_80_columns(usual: Results, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, figures in usual.figures.items():
+        print_tables(SECTIONS[name].tables(figures, usual.verdicts[name]))
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= WIDTH
+    for verdicts in usual.verdicts.values():
+        assert all(verdict.target.what in text and verdict.target.text in text for verdict in verdicts)
+
+
+def test_accuracy_as_json_is_one_object(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / "bench.json"
-    bench(monkeypatch, "--model", tiny_bundle, "--only", "accuracy", "--json", "-o", output)
-    assert json.loads(output.read_text(encoding="utf-8")) == json.loads(capsys.readouterr().out)
+    arguments = ["accuracy", "--model", tiny_bundle, "--commands", 2, "--json", "-o", output]
+    assert bench(monkeypatch, *arguments) == 1  # an untrained network is no good
+    captured = capsys.readouterr()
+    results = json.loads(captured.out)
+    assert results == json.loads(output.read_text(encoding="utf-8"))
+    families = results["accuracy"]["families"]
+    assert set(families) == {"spline", "shapes", "stops", "long", "short", "odd", "friction"}
+    assert len(results["accuracy"]["friction"]) == 1 < len(FRICTION_GRID)
+    unmet = [target for target in results["targets"] if not target["met"]]
+    assert captured.err.startswith(f"slide-bench: {len(unmet)} of {len(results['targets'])} targets are not met: ")
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("arguments", "code"), [([], 0), (["--model", "tiny"], 1)])
+def test_exit_code_says_whether_the_targets_are_met(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tiny_bundle: Path,
+    arguments: list[str],
+    code: int,
+) -> None:
+    given = [tiny_bundle if each == "tiny" else each for each in arguments]
+    assert bench(monkeypatch, "accuracy", "--family", "spline", "--commands", 4, *given) == code
+    captured = capsys.readouterr()
+    assert ("NO" in captured.out.split()) == bool(code)
+    assert bool(captured.err) == bool(code)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--model", "no-such-folder"], "no-such-folder"),
-        (["-o", "no-such-folder/bench.json"], "no-such-folder"),
+        (["accuracy", "--model", "no-such-folder"], "no-such-folder"),
+        (["accuracy", "-o", "no-such-folder/bench.json"], "no-such-folder"),
+        (["luck"], "unknown section 'luck': known are accuracy, speed, "),
+        (["accuracy", "--family", "luck"], "unknown family 'luck': known are spline, "),
+        (["accuracy", "--commands", "0"], "--commands must be at least 1, got 0"),
+        (["accuracy", "--soak"], "--soak is an option of server: name it, or leave the option out"),
+        (["server", "--minutes", "nan"], "--minutes must be at least 1, got nan"),
+        (["refine", "--budget", "inf"], "--budget must be at least 1, got inf"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
@@ -200,29 +209,35 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert message in captured.err
 
 
-def test_an_unknown_section_is_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert bench(monkeypatch, "--only", "luck") == 2
-    assert "luck" in capsys.readouterr().err
+def test_an_option_goes_to_every_section_that_has_it() -> None:
+    from benchmarks.cli import Options
+
+    settings = settings_of(["accuracy", "peers", "speed"], Options(commands=3, no_mppi=True))
+    assert (settings["accuracy"].commands, settings["peers"].commands) == (3, 3)
+    assert settings["peers"].no_mppi
+    assert settings["speed"] == SECTIONS["speed"].settings
 
 
-@pytest.mark.usefixtures("one_family")
 def test_without_torch_its_rows_are_left_out_with_the_line_that_installs_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tiny_bundle: Path
+    monkeypatch: pytest.MonkeyPatch, subject: Subject
 ) -> None:
+    for module in [name for name in sys.modules if name.startswith(("train.", "benchmarks.peers."))]:
+        monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "torch", None)  # importing it now fails as if it were not there
-    bench(monkeypatch, "--model", tiny_bundle, "--json")
-    captured = capsys.readouterr()
-    results = json.loads(captured.out)
-    assert "training" not in results
-    assert results["speed"]["single"]["torch_samples_per_second"] is None
-    lines = [note for note in results["notes"] if "pip install './[train]' in a checkout" in note]
-    assert [line.split(" is left out: ")[0] for line in lines] == ["torch eager", "the optimizer", "training"]
-    assert all(f"slide-bench: note: {line}" in captured.err for line in lines)
+    results = measure(subject, ["speed", "training"])
+    assert set(results.figures) == {"speed"}
+    assert results.figures["speed"].single.torch_samples_per_second is None
+    line = "torch is not installed: pip install './[train]'"
+    lines = [note.partition(" is left out: ") for note in results.notes if line in note]
+    assert [what for what, *_ in lines] == ["torch eager", "training"]
+    with pytest.raises(MissingExtraError, match="training is left out: torch is not installed: pip install"):
+        measure(subject, ["training"])
 
 
-def test_a_figure_is_judged_only_where_it_was_measured() -> None:
-    results: dict[str, Any] = {"training": {"step": {"median": 0.4}, "friction_share": 0.1}, "speed": None}
-    assert [(verdict.target.figure, verdict.met) for verdict in judge(results)] == [
-        ("training.step.median", True),
-        ("training.friction_share", False),
-    ]
+def test_python_m_benchmarks_is_the_same_program(tmp_path: Path) -> None:
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "--help"], cwd=root, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert all(f"  {name} " in done.stdout for name in SECTIONS)

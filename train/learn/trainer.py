@@ -120,7 +120,7 @@ class Trainer:
         with scalars as writer, ThreadPoolExecutor(1) as pool:
             while self.epoch < self.config.epochs:
                 for step, task, drawn in self._batches(pool):
-                    progress = self._step(step, task, drawn)
+                    progress = self.step(step, task, drawn)
                     if writer is not None:
                         report(progress)
                         if step % 10 == 0:
@@ -154,8 +154,17 @@ class Trainer:
                 pending = pool.submit(draw_step, step + 1)
             yield drawn
 
-    def _step(self, step: int, task: Task, drawn: Drawn) -> Progress:
-        """One step of the optimizer; a gradient that is not finite skips it."""
+    def step(self, step: int, task: Task, drawn: Drawn) -> Progress:
+        """Take one step of the optimizer; a gradient that is not finite skips it.
+
+        Args:
+            step: its number in the whole run.
+            task: what this epoch trains on.
+            drawn: this process's share of the batch.
+
+        Raises:
+            TrainingError: too many recent steps were skipped.
+        """
         config = self.config
         batch = drawn.batch.to(self.device)
         self.optimizer.set_rate(learning_rate(config, step / self.steps))

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from benchmarks.peers.cross_entropy import CrossEntropy
 from benchmarks.peers.objective import ACCELERATION
-from benchmarks.sections.accuracy import measure
-from benchmarks.sections.peers import first
+from benchmarks.suite.outcome import plan_family
 from benchmarks.suite.suite import suite
 from runtime import Friction
 
 
 @pytest.fixture(scope="module")
 def spline():
-    return first(suite(["spline"])["spline"], 3)
+    return suite(["spline"])["spline"].first(3)
 
 
 def test_more_candidates_and_iterations_track_better_and_a_still_pan_is_worst(spline):
-    few, many = (measure(CrossEntropy(*effort), spline) for effort in ((64, 3), (256, 12)))
+    few, many = (plan_family(CrossEntropy(*effort), spline) for effort in ((64, 3), (256, 12)))
     assert many.tracking.mean() < few.tracking.mean() < spline_unmoved(spline)
     assert many.tracking.mean() < 0.008
 
@@ -33,7 +28,7 @@ def spline_unmoved(family):
 
 
 def test_plan_keeps_to_the_bound_and_about_to_the_pan_limit(spline):
-    outcome = measure(CrossEntropy(128, 6), spline)
+    outcome = plan_family(CrossEntropy(128, 6), spline)
     assert outcome.acceleration_max.max() <= ACCELERATION * (1 + 1e-12)
     assert outcome.pan_reach.max() < 0.25
 
@@ -44,36 +39,3 @@ def test_plan_is_the_same_from_the_same_seed_whatever_the_length(spline):
     assert one.shape == (777, 2)
     assert np.array_equal(one, two)
     assert not np.array_equal(one, CrossEntropy(32, 2, seed=1).plan(position, friction))
-
-
-def test_table_holds_network_and_optimizer_on_the_same_commands(tiny_bundle):
-    arguments = [
-        "--model",
-        tiny_bundle,
-        "--family",
-        "spline",
-        "--commands",
-        "2",
-        "--candidates",
-        "32",
-        "--iterations",
-        "1",
-    ]
-    done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.sections.peers", *map(str, arguments), "--json"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    rows = json.loads(done.stdout)["rows"]
-    assert [(row["planner"], row["commands"]) for row in rows] == [
-        ("tiny", 2),
-        ("CEM 32 x 1", 2),
-        ("MPPI 32 x 1", 2),
-    ]
-    assert all(row["cpu"] > 0 and row["speed"] > 0 for row in rows)
-    assert [row["times"] for row in rows] == pytest.approx([row["cpu"] / rows[0]["cpu"] for row in rows])
-    progress = done.stderr.splitlines()
-    assert "minutes of one core: tiny " in progress[0]
-    assert progress[1:] == [f"benchmarks.sections.peers: spline, 2 commands: {row['planner']}" for row in rows]

@@ -6,14 +6,13 @@ import numpy as np
 
 from benchmarks.peers.mppi import PathIntegral
 from benchmarks.peers.objective import ACCELERATION
-from benchmarks.sections.accuracy import measure
-from benchmarks.sections.peers import first
+from benchmarks.suite.outcome import plan_family
 from benchmarks.suite.suite import suite
 from runtime import Friction
 
 
 def test_planner_tracks_better_than_a_still_pan_and_keeps_to_the_bound():
-    outcome = measure(PathIntegral(128, 6), first(suite(["short"])["short"], 1))
+    outcome = plan_family(PathIntegral(128, 6), suite(["short"])["short"].first(1))
     assert outcome.tracking[0] < 0.7 * outcome.unmoved[0]
     assert outcome.acceleration_max.max() <= ACCELERATION * (1 + 1e-12)
 

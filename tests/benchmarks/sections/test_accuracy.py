@@ -1,4 +1,4 @@
-"""The figures of accuracy, on planners whose answer is known."""
+"""What plans lead to, and the figures of accuracy, on planners whose answer is known."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.sections import accuracy
+from benchmarks.sections.accuracy import AccuracySettings, accuracy_of, figures, friction_cells
 from benchmarks.suite.families import FRICTION_GRID, NOMINAL, Family, spline
+from benchmarks.suite.outcome import network, one_by_one, plan_family
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.friction import Friction
@@ -51,58 +52,58 @@ def line(samples: int, length: float) -> FloatArray:
 
 def test_a_pan_that_never_moves_leaves_the_command_as_the_error() -> None:
     commands = family(line(101, 0.1), line(301, 0.2))
-    outcome = accuracy.measure(still, commands)
+    outcome = plan_family(still, commands)
     # The root mean square of 0, h, 2h, .., nh is h sqrt(n (2n + 1) / 6).
     expected = [length / n * math.sqrt(n * (2 * n + 1) / 6) for n, length in ((100, 0.1), (300, 0.2))]
     assert outcome.tracking == pytest.approx(expected, rel=1e-12)
-    figures = accuracy.figures([outcome])
-    assert figures.no_better_than_unmoved == 2
-    assert figures.pan_reach_max == figures.acceleration_max == figures.change_mean == 0.0
-    assert figures.pan_reach_share == 1.0
+    summed = figures([outcome])
+    assert summed.no_better_than_unmoved == 2
+    assert summed.pan_reach_max == summed.acceleration_max == summed.change_mean == 0.0
+    assert summed.pan_reach_share == 1.0
 
 
 def test_an_object_that_slides_as_commanded_has_no_error() -> None:
     frictions = [NOMINAL, Friction(0.8, 0.3)]
     commands = family(slid(200), slid(150, frictions[1]), frictions=frictions)
-    outcome = accuracy.measure(pushing, commands)
+    outcome = plan_family(pushing, commands)
     assert outcome.tracking == pytest.approx([0.0, 0.0], abs=1e-12)
     # K samples are K - 1 steps: the last acceleration leads out of the command.
     assert outcome.pan_reach == pytest.approx([0.5 * ACCELERATION * ((k - 1) * DT) ** 2 for k in (200, 150)])
-    figures = accuracy.figures([outcome])
-    assert figures.no_better_than_unmoved == 0
-    assert figures.pan_reach_share == 0.5
-    assert figures.acceleration_max == figures.acceleration_mean == ACCELERATION
+    summed = figures([outcome])
+    assert summed.no_better_than_unmoved == 0
+    assert summed.pan_reach_share == 0.5
+    assert summed.acceleration_max == summed.acceleration_mean == ACCELERATION
 
 
 def test_a_command_off_the_origin_is_measured_from_its_own_start() -> None:
     offset = np.array([0.3, -0.2])
-    outcome = accuracy.measure(pushing, family(slid(200) + offset))
+    outcome = plan_family(pushing, family(slid(200) + offset))
     assert outcome.tracking == pytest.approx([0.0], abs=1e-12)
-    assert outcome.unmoved == pytest.approx(accuracy.measure(still, family(slid(200))).tracking)
+    assert outcome.unmoved == pytest.approx(plan_family(still, family(slid(200))).tracking)
 
 
 def test_figures_are_those_of_the_errors_of_single_commands() -> None:
     commands = family(*(line(50, 0.01 * index) for index in range(1, 22)))
-    outcome = accuracy.measure(still, commands)
+    outcome = plan_family(still, commands)
     unit = outcome.tracking[0]
-    figures = accuracy.figures([outcome])
-    assert figures.commands == 21
-    assert figures.tracking_mean == pytest.approx(11 * unit)
-    assert figures.tracking_median == pytest.approx(11 * unit)
-    assert figures.tracking_p95 == pytest.approx(20 * unit)
-    assert figures.tracking_max == pytest.approx(21 * unit)
-    assert figures.worst == "command 20"
-    assert figures.samples_per_second == pytest.approx(21 * 50 / outcome.planning_time)
+    summed = figures([outcome])
+    assert summed.commands == 21
+    assert summed.tracking_mean == pytest.approx(11 * unit)
+    assert summed.tracking_median == pytest.approx(11 * unit)
+    assert summed.tracking_p95 == pytest.approx(20 * unit)
+    assert summed.tracking_max == pytest.approx(21 * unit)
+    assert summed.worst == "command 20"
+    assert summed.samples_per_second == pytest.approx(21 * 50 / outcome.planning_time)
 
 
 def test_the_change_of_the_acceleration_is_a_vector_s() -> None:
     def turning(positions: Sequence[FloatArray], _frictions: Sequence[Friction]) -> list[FloatArray]:
         return [np.tile([[3.0, 0.0], [0.0, 4.0]], (len(position) // 2, 1)) for position in positions]
 
-    figures = accuracy.figures([accuracy.measure(turning, family(line(40, 0.1)))])
-    assert figures.change_mean == pytest.approx(5.0)
-    assert figures.acceleration_mean == pytest.approx(3.5)
-    assert figures.acceleration_max == 4.0
+    summed = figures([plan_family(turning, family(line(40, 0.1)))])
+    assert summed.change_mean == pytest.approx(5.0)
+    assert summed.acceleration_mean == pytest.approx(3.5)
+    assert summed.acceleration_max == 4.0
 
 
 def test_the_friction_table_gives_each_friction_its_own_mean() -> None:
@@ -111,8 +112,8 @@ def test_the_friction_table_gives_each_friction_its_own_mean() -> None:
     for index, friction in enumerate(FRICTION_GRID):
         positions += [slid(100, friction), slid(100, friction) * (2.0 if index % 2 else 1.0)]
         frictions += [friction, friction]
-    outcome = accuracy.measure(pushing, family(*positions, frictions=frictions))
-    table = accuracy.friction_table(outcome)
+    outcome = plan_family(pushing, family(*positions, frictions=frictions))
+    table = friction_cells(outcome)
     assert [(cell.static, cell.kinetic) for cell in table] == [(each.static, each.kinetic) for each in FRICTION_GRID]
     for index, (cell, friction) in enumerate(zip(table, FRICTION_GRID, strict=True)):
         rms = math.sqrt(np.mean(slid(100, friction) ** 2) * 2)
@@ -120,10 +121,10 @@ def test_the_friction_table_gives_each_friction_its_own_mean() -> None:
 
 
 def test_the_total_leaves_the_many_commands_of_friction_out() -> None:
-    measured = accuracy.measure_suite(still, ["short", "odd", "friction"])
+    measured = accuracy_of(still, AccuracySettings(("short", "odd", "friction")))
     assert measured.total.commands == 16
     assert list(measured.families) == ["short", "odd", "friction"]
-    spline_mean = accuracy.measure_suite(still, ["spline"]).total.tracking_mean
+    spline_mean = accuracy_of(still, AccuracySettings(("spline",))).total.tracking_mean
     assert measured.friction_worst == pytest.approx(spline_mean)
     assert measured.friction_ratio is None
     assert [cell.tracking_mean for cell in measured.friction] == pytest.approx([spline_mean] * len(FRICTION_GRID))
@@ -139,14 +140,28 @@ def test_the_total_leaves_the_many_commands_of_friction_out() -> None:
 )
 def test_a_plan_that_is_none_is_refused(planned: list[FloatArray], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        accuracy.measure(lambda _positions, _frictions: planned, family(line(50, 0.1), line(50, 0.1)))
+        plan_family(lambda _positions, _frictions: planned, family(line(50, 0.1), line(50, 0.1)))
 
 
 def test_a_planner_s_own_prediction_is_what_is_measured(tiny_bundle: Path) -> None:
     planner = Planner(tiny_bundle)
     positions, frictions = spline().positions[:3], (NOMINAL, Friction(0.5, 0.3), NOMINAL)
     commands = family(*positions, frictions=frictions)
-    outcome = accuracy.measure(accuracy.network(planner, batch=2), commands)
+    outcome = plan_family(network(planner, batch=2), commands)
     qualities = [planner.plan(*one).quality for one in zip(positions, frictions, strict=True)]
     assert outcome.tracking == pytest.approx([quality.tracking_rmse for quality in qualities], rel=1e-6)
     assert outcome.pan_reach == pytest.approx([quality.pan_reach for quality in qualities], rel=1e-6)
+
+
+def test_a_command_planned_alone_is_planned_as_in_a_batch(tiny_bundle: Path) -> None:
+    planner, commands = Planner(tiny_bundle), spline().first(3)
+    alone, batch = (plan_family(plan(planner), commands) for plan in (one_by_one, network))
+    assert alone.tracking == pytest.approx(batch.tracking, rel=1e-6)
+
+
+def test_only_the_first_commands_are_planned() -> None:
+    measured = accuracy_of(still, AccuracySettings(("short", "odd"), 2))
+    assert [each.commands for each in measured.families.values()] == [2, 2]
+    assert measured.total.commands == 4
+    with pytest.raises(InputError, match="--commands must be at least 1, got 0"):
+        AccuracySettings(commands=0)
