@@ -106,7 +106,8 @@ def _type(about: dict[str, Any]) -> str:
     if about.get("type") == "array":
         if "prefixItems" in about:
             return "[x, y]" if len(about["prefixItems"]) == 2 else "[x, y, z]"
-        return f"list of {_type(about['items'])}"
+        item = _type(about["items"])
+        return f"list of {item}s" if item.isalpha() else f"list of {item}"
     if "enum" in about:
         return " or ".join(f"`{each}`" for each in about["enum"])
     return str(about.get("type", "any"))
