@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import runtime
-from runtime import Limits, Planner
+from runtime import Limits, Planner, Sizes
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -24,6 +24,13 @@ def test_version_is_the_same_everywhere() -> None:
     for path in ("docs/guide/start.md", "docs/guide/deploy.md", "docs/kubernetes/slide-planner.yaml"):
         named = set(re.findall(r"slide[-_]planner[-:](\d+\.\d+\.\d+)", read(path)))
         assert named == {version}, path
+
+
+def test_sizes_of_pan_and_object_are_the_default_ones() -> None:
+    sizes = Sizes()
+    for text in (README, read("docs/guide/start.md")):
+        assert f"a disc with a radius of {sizes.pan_radius:g} m" in flat(text)
+        assert f"one with a radius of {sizes.object_radius:g} m" in flat(text)
 
 
 def test_limits_of_the_readme_are_the_default_ones() -> None:
