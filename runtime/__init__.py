@@ -6,6 +6,7 @@ plan.save("plan.json")
 """
 
 from runtime.command import Command
+from runtime.commands.reading import Reading
 from runtime.errors import (
     BundleError,
     ConcurrentUseError,
@@ -40,6 +41,7 @@ __all__ = [
     "Plan",
     "Planner",
     "Quality",
+    "Reading",
     "ServerError",
     "Sizes",
     "SlideError",

@@ -7,7 +7,7 @@ import functools
 import inspect
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import typer
@@ -30,7 +30,8 @@ def run(name: str, command: Callable[..., None]) -> None:
     Args:
         name: the program's name, for its messages.
         command: what it does; its parameters are the program's. A parameter that is a dataclass stands for its fields:
-            each is an option, with the `help` and the `metavar` of its metadata.
+            each is an option, with the `help` and the `metavar` of its metadata; `read_as` is its type where a command
+            line cannot give the field's.
     """
     groups, parameters = _parameters(command)
 
@@ -90,7 +91,9 @@ def _option(field: dataclasses.Field[Any], hint: Any) -> inspect.Parameter:
     default = field.default
     if get_origin(hint) is tuple:
         hint, default = list[get_args(hint)[0]] | None, None  # type: ignore[misc]
-    option = typer.Option(f"--{field.name.replace('_', '-')}", **field.metadata)
+    metadata = dict(field.metadata)
+    hint = metadata.pop("read_as", hint)
+    option = typer.Option(f"--{field.name.replace('_', '-')}", **metadata)
     return inspect.Parameter(
         field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[hint, option]
     )
@@ -112,15 +115,17 @@ def say(name: str, message: str) -> None:
     print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
 
 
-def print_table(title: str, rows: Iterable[tuple[str, str]]) -> None:
-    """Print names and values as a table on standard output."""
+def print_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> None:
+    """Print a table on standard output: names and values, or the columns of a header, numbers but for the first two."""
     from rich import box  # rich takes as long to import as all the rest of a short program
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE, show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
+    table = Table(title=title, title_justify="left", box=box.SIMPLE, show_header=bool(header))
+    table.add_column(*header[:1], no_wrap=not header, overflow="fold")
+    table.add_column(*header[1:2], overflow="fold")
+    for name in header[2:]:
+        table.add_column(name, justify="right")
     for row in rows:
         table.add_row(*row)
     Console(markup=False, highlight=False).print(table)

@@ -1,24 +1,31 @@
-"""The command line: `slide-plan`, `slide-run` and `slide-info`.
+"""`slide-plan`: from one command or many to plans.
 
-Exit codes: 0 done, 1 done but the plan is of a status from `poor` on (said in one line), 2 bad input or usage, 130
-interrupted.
+Exit codes: 0 done, 1 done but a plan is of a status from `poor` on (said in one line), 2 bad input or usage, 130
+interrupted. Of many commands, those that cannot be planned are said one by one, the others are planned all the same, and
+the program exits with 2.
 """
 
 from __future__ import annotations
 
+import sys
 import time
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from runtime.assess.assess import cannot_slide
-from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
+from runtime.cli.console import BAD_INPUT, DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import Kinetic, SizeOptions, Static, chosen_friction, conclude, reach_of_limit
 from runtime.command import Command
+from runtime.commands.files import STANDARD_INPUT
+from runtime.commands.reading import Reading
 from runtime.documents.files import check_writable
-from runtime.plan import check_suffix
+from runtime.errors import InputError, OutputError, SlideError
+from runtime.physics.law import DT
+from runtime.plan import Plan, check_suffix
 from runtime.planner import Planner
 
 NO_SIZES = SizeOptions()
@@ -27,14 +34,40 @@ PAPER_SAMPLES_PER_SECOND = 622.0
 """Planning speed of the paper: 1200 samples in 1.93 s on an Intel Core i7-6700 (Section V-B)."""
 
 
+@dataclass(frozen=True)
+class Made:
+    """A plan that was made and written.
+
+    Attributes:
+        source: the command's file.
+        target: the plan's file.
+        command: the command.
+        plan: the plan.
+        duration: time that planning took (s).
+    """
+
+    source: Path
+    target: Path
+    command: Command
+    plan: Plan
+    duration: float
+
+
 def plan_main() -> None:
     """Entry point of `slide-plan`."""
     run("slide-plan", slide_plan)
 
 
 def slide_plan(
-    command_file: Annotated[Path, typer.Argument(help="Command: .csv, .json or .npz.", show_default=False)],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Plan to write: .json or .npz.", show_default=False)],
+    commands: Annotated[
+        list[Path],
+        typer.Argument(help="Commands: tables, JSON, npz, npy, Parquet, SVG; - is standard input.", show_default=False),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="Plan to write, .json or .npz; of many, their folder.", show_default=False),
+    ],
+    reading: Reading,
     model: Annotated[
         Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, fp32.", metavar="DIR")
     ] = None,
@@ -51,39 +84,111 @@ def slide_plan(
     sizes: SizeOptions = NO_SIZES,
     as_json: AsJson = False,
 ) -> None:
-    """Plan the motion of the pan that slides the object along a command."""
-    check_suffix(output)
-    check_writable(output)
-    command = Command.load(command_file)
+    """Plan the motion of the pan that slides the object along a command, or along each of many."""
+    many = len(commands) > 1 or (output.is_dir() and not output.suffix)
+    targets = _targets(commands, output) if many else [output]
+    if not many:
+        check_suffix(output)
+        check_writable(output)
+    first = None if many else Command.load(commands[0], reading)
     planner = Planner(model)
     friction = chosen_friction(planner.bundle.manifest.friction, static, kinetic)
     given = {"pan_reach": reach, "acceleration": acceleration, "jerk": jerk}
     limits = replace(planner.bundle.manifest.limits, **{name: it for name, it in given.items() if it is not None})
+
+    chosen = sizes.chosen(planner.bundle.manifest.sizes)
     warned = cannot_slide(friction, limits)
     for line in warned:
         say("slide-plan", f"warning: {line}")
-    begin = time.perf_counter()
-    chosen = sizes.chosen(planner.bundle.manifest.sizes)
-    plan = planner.plan(command, friction, limits=limits, sizes=chosen, tolerance=tolerance)
-    duration = time.perf_counter() - begin
-    plan.save(output)
 
-    quality, speed = plan.quality, len(plan) / duration
+    def make(source: Path, target: Path, command: Command) -> Made:
+        begin = time.perf_counter()
+        plan = planner.plan(command, friction, limits=limits, sizes=chosen, tolerance=tolerance)
+        duration = time.perf_counter() - begin
+        plan.save(target)
+        return Made(source, target, command, plan, duration)
+
+    if first is not None:
+        _show(made := make(commands[0], output, first), as_json)
+        conclude("slide-plan", made.plan, said=warned)
+        return
+    documents: list[dict[str, Any]] = []
+    missed, failed = [], {}
+    for source, target in _with_progress(list(zip(commands, targets, strict=True))):
+        try:
+            one = make(source, target, Command.load(source, reading))
+        except SlideError as error:
+            failed[str(source)] = str(error)
+        else:
+            documents.append(_document(one))  # and not its plan, of which there may be thousands
+            if one.plan.quality.status.failed:
+                missed.append(f"{source}: {one.plan.quality.status.replace('_', ' ')}: {one.plan.quality.notes[0]}")
+    _show_many(output, documents, failed, as_json)
+    for line in missed:
+        say("slide-plan", line)
+    if missed or failed:
+        raise typer.Exit(BAD_INPUT if failed else DONE_BUT_MISSED)
+
+
+def _targets(commands: Sequence[Path], folder: Path) -> list[Path]:
+    """Return where each plan is written; makes the folder.
+
+    Raises:
+        InputError: two plans would have the same name.
+        OutputError: the folder is a file, or cannot be made.
+    """
+    targets: dict[Path, Path] = {}
+    for command in commands:
+        stem = "stdin" if str(command) == STANDARD_INPUT else command.stem
+        target = folder / f"{stem}.json"
+        if target in targets:
+            raise InputError(f"{targets[target]} and {command} would both be written to {target}")
+        targets[target] = command
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: cannot be written: {len(commands)} plans need a folder")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made: {error.strerror}") from error
+    for target in targets:
+        check_writable(target)
+    return list(targets)
+
+
+def _with_progress(jobs: Sequence[tuple[Path, Path]]) -> Iterator[tuple[Path, Path]]:
+    """Yield the jobs, with a bar on standard error if that is a terminal."""
+    from rich.console import Console  # rich takes as long to import as all the rest of a short program
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        yield from progress.track(jobs, description="planning")
+
+
+def _document(made: Made) -> dict[str, Any]:
+    plan, speed = made.plan, len(made.plan) / made.duration
+    return {
+        "command": str(made.source),
+        "reading": list(made.command.notes),
+        "plan": str(made.target),
+        "model": {"name": plan.model_name, "sha256": plan.model_sha256},
+        "friction": plan.friction.to_dict(),
+        "sizes": plan.sizes.to_dict(),
+        "samples": len(plan),
+        "quality": plan.quality.to_dict(),
+        "planning_time": made.duration,
+        "samples_per_second": speed,
+        "ratio_to_paper": speed / PAPER_SAMPLES_PER_SECOND,
+    }
+
+
+def _show(made: Made, as_json: bool) -> None:
+    """Print one plan."""
+    if made.command.notes:
+        say("slide-plan", f"note: {'; '.join(made.command.notes)}")
     if as_json:
-        print_json(
-            {
-                "plan": str(output),
-                "model": {"name": plan.model_name, "sha256": plan.model_sha256},
-                "friction": friction.to_dict(),
-                "sizes": plan.sizes.to_dict(),
-                "samples": len(plan),
-                "quality": quality.to_dict(),
-                "planning_time": duration,
-                "samples_per_second": speed,
-                "ratio_to_paper": speed / PAPER_SAMPLES_PER_SECOND,
-            }
-        )
+        print_json(_document(made))
     else:
+        plan, quality, speed = made.plan, made.plan.quality, len(made.plan) / made.duration
         rows = [
             ("tracking RMSE", f"{quality.tracking_rmse * MM:.2f} mm"),
             ("tracking maximum", f"{quality.tracking_max * MM:.2f} mm"),
@@ -91,8 +196,32 @@ def slide_plan(
             ("pan, object radius", f"{plan.sizes.pan_radius * MM:g} mm, {plan.sizes.object_radius * MM:g} mm"),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),
             ("samples governed", f"{0 if quality.governed is None else quality.governed.samples}"),
-            ("planning time", f"{duration * 1e3:.1f} ms for {len(plan)} samples"),
+            *([("off its waypoints' lines", f"{made.command.deviation * MM:.1f} mm")] if made.command.remarks else []),
+            ("planning time", f"{made.duration * 1e3:.1f} ms for {len(plan)} samples"),
             ("samples per second", f"{speed:,.0f}, {speed / PAPER_SAMPLES_PER_SECOND:.0f} x the paper's 622"),
         ]
-        print_table(f"{output}: {quality.status}", rows)
-    conclude("slide-plan", plan, said=warned)
+        print_table(f"{made.target}: {quality.status}", rows)
+
+
+def _show_many(folder: Path, made: Sequence[dict[str, Any]], failed: dict[str, str], as_json: bool) -> None:
+    """Print a table of the plans, and a line for each command that has none."""
+    for each in made:
+        if each["reading"]:
+            say("slide-plan", f"note: {each['command']}: {'; '.join(each['reading'])}")
+    if as_json:
+        print_json({"plans": made, "failed": [{"command": name, "error": error} for name, error in failed.items()]})
+    elif made:
+        figures = ("tracking_rmse", "tracking_max")
+        rows = [
+            (
+                Path(each["command"]).name,
+                each["quality"]["status"],
+                *(f"{each['quality'][name] * MM:.2f}" for name in figures),
+                f"{each['samples'] * DT:.2f}",
+            )
+            for each in made
+        ]
+        header = ("command", "status", "RMSE (mm)", "maximum (mm)", "time (s)")
+        print_table(f"{folder}: {len(made)} plans", rows, header)
+    for name, error in failed.items():
+        say("slide-plan", f"error: {error if error.startswith(name) else f'{name}: {error}'}")

@@ -7,13 +7,13 @@ checked by `runtime`, in the same words as for files.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Annotated, Self, TypeVar
+from dataclasses import fields, replace
+from typing import Annotated, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
 
-from runtime import Command, Friction, InputError, Start
+from runtime import Command, Friction, InputError, Reading, Start
 from runtime.errors import place_text, within
 from runtime.network.manifest import Manifest
 from runtime.physics.law import DT
@@ -35,23 +35,39 @@ class Strict(BaseModel):
 
 
 class CommandRequest(Strict):
-    """Where the object is to be, relative to the pan (m): at even steps of dt (s), or at times t (s)."""
+    """Where the object is to be, relative to the pan (m), at even steps, at times, or along a path at a speed.
+
+    Exactly one of `dt`, `t`, `rate` and `speed` says when.
+    """
 
     dt: Positive | None = Field(None, description="Sampling interval (s); 0.001 is planned as it is.")
     t: Annotated[list[Finite], FailFast()] = Field([], min_length=2, description="Times (s), increasing.")
+    rate: Positive | None = Field(None, description="Samples per second (Hz).")
+    speed: Positive | None = Field(None, description="Highest speed along a path without times (m/s).")
+    path_acceleration: Positive | None = Field(None, description="Highest acceleration along that path (m/s^2).")
     position: Annotated[list[Pair], FailFast()] = Field(min_length=2, description="[x, y] (m), one for each.")
+    scale: Positive | None = Field(None, description="What positions are multiplied by to be metres.")
+    time_scale: Positive | None = Field(None, description="What times are multiplied by to be seconds.")
+    size: Positive | None = Field(None, description="How far the command goes from its start (m), in place of scale.")
+    origin: Literal["pan", "first"] | Pair | None = Field(
+        None, description="Where the pan's centre is: as it stands, at the first position, or at [x, y] (m)."
+    )
+    smooth: Positive | None = Field(None, description="Standard deviation of the smoothing over time (ms).")
 
     @model_validator(mode="after")
     def _timed(self) -> Self:
-        if (self.dt is None) != bool(self.t):
-            raise ValueError("exactly one of dt and t is needed")
+        given = [self.dt is not None, bool(self.t), self.rate is not None, self.speed is not None]
+        if given.count(True) != 1:
+            raise ValueError("exactly one of dt, t, rate and speed is needed")
         return self
 
     def samples(self) -> float:
         """Return how many samples at 1 kHz it will have, before it is resampled: a few bytes may ask for an hour."""
         if self.t:
-            return (self.t[-1] - self.t[0]) / DT + 1
-        return (len(self.position) - 1) * (self.dt or 0.0) / DT + 1
+            return (self.t[-1] - self.t[0]) * (self.time_scale or 1.0) / DT + 1
+        if self.speed is not None:  # depends on the path; no more than ten minutes
+            return 0.0
+        return (len(self.position) - 1) * (self.dt or 1.0 / (self.rate or 1.0)) / DT + 1
 
     def command(self) -> Command:
         """Return the command.
@@ -60,9 +76,11 @@ class CommandRequest(Strict):
             InputError: the numbers make no command.
         """
         position = np.array(self.position, dtype=np.float64)
+        names = [each.name for each in fields(Reading)]
+        reading = Reading(**self.model_dump(include=set(names), exclude_none=True))
         if self.t:
-            return Command.from_waypoints(np.array(self.t, dtype=np.float64), position)
-        return Command.from_samples(position, self.dt or DT)
+            return Command.from_waypoints(np.array(self.t, dtype=np.float64), position, reading)
+        return Command.from_samples(position, self.dt or DT, reading)
 
 
 class FrictionRequest(Strict):
@@ -160,12 +178,17 @@ def to_commands(requests: Mapping[str, CommandRequest], most: int) -> list[Comma
     """
     result = []
     for place, request in requests.items():
-        samples = request.samples()
-        if samples > most:
-            raise InputError(f"the command has {samples:.0f} samples at 1 kHz, at most {most} are taken", place)
+        _check_samples(request.samples(), most, place)
         with within(place):
-            result.append(request.command())
+            command = request.command()
+        _check_samples(len(command), most, place)
+        result.append(command)
     return result
+
+
+def _check_samples(samples: float, most: int, place: str) -> None:
+    if samples > most:
+        raise InputError(f"the command has {samples:.0f} samples at 1 kHz, at most {most} are taken", place)
 
 
 def to_job(options: Options, command: Command, manifest: Manifest, settings: Settings) -> PlanJob:

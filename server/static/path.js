@@ -4,10 +4,12 @@
  * A hand trembles, turns on the spot and starts at full speed; an object that friction alone moves can do none of it.
  * So the path is smoothed along its length, shrunk about its middle until it fits the model's reach, and run along at
  * the chosen speed, slower in bends, from rest to rest. Points are [x, y] in metres, x to the right, y up.
+ *
+ * The law of time is that of `runtime/commands/path.py`; a test holds the two together.
  */
 
 export const DT = 0.001;  // s between the samples of a command
-export const SENT_EVERY = 10;  // samples from one that is sent to the next: the server fills in with a cubic spline
+export const SENT_EVERY = 10;  // samples from one that is sent to the next: the server fills in with smooth curves
 
 const TREMOR = 0.006;  // m along the path: standard deviation of the smoothing
 const SPACING = 0.001;  // m between the points that the smoothing and the speeds are worked out on
@@ -72,6 +74,8 @@ function smooth(points, width) {
 /** The largest speed (m/s) at each of the evenly spaced points: from rest to rest, slower in bends. */
 function speedsAlong(points, top) {
   const step = lengthOf(points) / (points.length - 1);
+  const longest = Math.max(...points.slice(1).map((point, k) => distance(points[k], point)));
+  top *= step / longest;  // the others are shorter where the path turns on the spot
   const speeds = points.map((point, k) => {
     if (k === 0 || k === points.length - 1) return 0;
     const [before, after] = [points[k - 1], points[k + 1]];
@@ -130,7 +134,7 @@ export function commandAlong(points, { speed, reach }) {
   if (points.length < 2 || lengthOf(points) < SHORTEST) return null;
   let path = smooth(resample(points, SPACING), TREMOR / SPACING);
   const farthest = Math.max(...path.map((point) => distance(point, path[0])));
-  const shrunk = Math.min(1, reach * 0.999 / farthest);  // a hair inside: the server's spline may swing out a little
+  const shrunk = Math.min(1, reach * 0.999 / farthest);  // a hair inside: the server's curves may swing out a little
   const middle = middleOf(path);
   path = resample(path.map((point) => between(middle, point, shrunk)), SPACING);
   let positions = ease(ease(runAlong(path, speedsAlong(path, speed)), EASE), EASE);

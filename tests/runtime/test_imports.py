@@ -23,6 +23,7 @@ RUNTIME_THIRD_PARTY = {"numpy", "onnxruntime"}
 MORE_IN = {
     "runtime/cli": {"typer", "rich"},
     "runtime/arm": {"pybullet", "imageio_ffmpeg"},
+    "runtime/commands/parquet.py": {"pyarrow"},
     "runtime/client": {"websockets", "httpx"},
     "runtime/physics/compiled.py": {"numba"},
 }

@@ -17,6 +17,7 @@ from playwright.sync_api import Page, Route, expect
 
 from benchmarks.pictures.browser import PATIENCE
 from runtime import Command, Plan
+from runtime.commands.path import run_along
 from runtime.report.report import render_report
 
 EXAMPLES = ["Circle", "Eight", "Strokes", "Signature"]
@@ -145,6 +146,24 @@ def test_wild_scribbles_become_commands_from_rest_to_rest_within_the_ranges(
         acceleration = np.diff(made.position, 2, axis=0) / 1e-6
         assert np.hypot(*acceleration.T).max() < 8.0
         assert np.hypot(*made.velocity[[0, -1]].T).max() < 0.01
+
+
+def test_the_page_runs_along_a_path_as_python_does(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    random = np.random.default_rng(8)
+    curve = np.stack([0.05 * np.cos(np.linspace(0, 6, 90)), 0.04 * np.sin(np.linspace(0, 9, 90))], axis=1)
+    paths = [random.uniform(-0.1, 0.1, (count, 2)) for count in (2, 3, 12)]
+    for points in (*paths, curve, np.array([[0, 0], [0, 0], [0.08, 0], [0, 0]])):
+        for speed in (0.15, 0.6):
+            drawn = page.evaluate(
+                "async ([points, speed]) => {"
+                " const { commandAlong } = await import('/path.js');"
+                " return commandAlong(points, { speed, reach: 10 }).positions; }",
+                [points.tolist(), speed],
+            )
+            made, _ = run_along(points, speed, corner=0.006)
+            assert 0 <= len(drawn) - len(made) < 10  # the page sends every tenth, and fills up
+            np.testing.assert_allclose(drawn[: len(made)], made, rtol=0.0, atol=1e-9)
 
 
 def test_everything_can_be_done_from_the_keyboard_and_the_focus_is_seen(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND, plan_main
 from runtime.cli.run import run_main
 
 ROOT = Path(__file__).parents[3]
+DATA = ROOT / "tests" / "data" / "commands"
 EXAMPLE = ROOT / "examples" / "figure_eight.csv"
 PROGRAMS = {"slide-plan": plan_main, "slide-run": run_main, "slide-info": info_main}
 
@@ -159,10 +161,14 @@ def test_sizes_are_the_plans_and_bad_ones_are_refused(slide: Slide, tmp_path: Pa
     [
         ("", [], "the file is empty"),
         ("t,x\n0,0\n", [], "line 1: missing column 'y'"),
-        ("x,y,z\n0,0,0\n", [], "line 1: unknown column 'z'"),
+        ("a,b\n0,0\n", [], "line 1: missing column 'x' among 'a', 'b': say which are meant by --columns T,X,Y"),
         ("x,y\n0,0\n", [], "1 sample, at least 2 are needed"),
         ("x,y\n0,0\n0,nan\n", [], "line 3, column y: nan is not a finite number"),
-        ("x,y\n0,0\n0,0.06\n", [], "jumps by 0.06 m"),
+        ("x,y\n0,0\n0,0.06\n", [], "there are no times, and at 1 kHz the command moves at 60 m/s"),
+        ("t,x,y\n0,0,0\n0.001,0,0.06\n", [], "jumps by 0.06 m from waypoint 0 (line 2) at 0 s to waypoint 1 (line 3)"),
+        ("t,x,y\n0,0,0\n1,0,60\n", [], "are these millimetres (--scale 0.001)?"),
+        ("t,x,y\n0,0,0\n1,0,0\n", ["--scale", "0"], "scale must be greater than 0, got 0"),
+        ("t,x,y\n0,0,0\n1,0,0\n", ["--origin", "left"], "origin must be pan, first or X,Y in metres, got 'left'"),
         ("t,x,y\n0,0,0\n0,0,0\n", [], "t must increase"),
         (None, [], "cannot be read: No such file"),
         ("x,y\n0,0\n0,0\n", ["--static", "-1"], "friction static must be between 0 and 10, got -1"),
@@ -195,6 +201,65 @@ def test_bad_input_is_one_line_exit_2_and_nothing_written(
     assert message in err
     assert err.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_options_say_what_the_numbers_mean(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    options = ["--model", bundle_path, "-o", tmp_path / "plan.json"]
+    code, _, err = slide("slide-plan", DATA / "millimetres.csv", "--scale", "0.0004", "--smooth", "5", *options)
+    assert code == 0
+    assert re.fullmatch(r"slide-plan: note: scaled by 0.0004; smoothing moved it by [\d.e-]+ mm at most\n", err)
+    code, out, err = slide("slide-plan", DATA / "drawing.svg", "--speed", "0.2", "--size", "0.1", *options, "--json")
+    assert code == 0
+    assert "laid its middle on the pan's centre" in json.loads(out)["reading"]
+    code, _, err = slide("slide-plan", DATA / "bare_order.csv", "--columns", "x,y,n,t", "--origin", "0.01,0", *options)
+    assert code == 0
+    np.testing.assert_allclose(Plan.load(tmp_path / "plan.json").command_position[0], [-0.01, 0.0])
+
+
+def test_standard_input_is_a_command_file(bundle_path: Path, tmp_path: Path) -> None:
+    arguments = ["-", "-o", tmp_path / "plan.json", "--model", bundle_path]
+    with start("slide-plan", *arguments, stdin=(DATA / "names.csv").open()) as process:
+        _, err = process.communicate()
+    assert process.returncode == 0
+    assert err == "slide-plan: note: took t, x, y from the columns 'Time', 'Position_X', 'Position_Y'\n"
+    assert len(Plan.load(tmp_path / "plan.json")) == 1001
+
+
+def test_many_commands_are_planned_and_what_failed_is_said(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+    names = ("plain.csv", "bare.csv", "names.csv", "inches.csv", "savetxt.dat")
+    arguments = [*(DATA / name for name in names), "-o", tmp_path / "plans", "--model", bundle_path]
+    code, out, err = slide("slide-plan", *arguments)
+    assert code == 2
+    assert sorted(path.name for path in (tmp_path / "plans").iterdir()) == ["names.json", "plain.json", "savetxt.json"]
+    assert all(name in out for name in ("plain.csv", "names.csv", "savetxt.dat", "RMSE (mm)"))
+    assert max(map(len, out.splitlines())) <= 80
+    failed = [line for line in err.splitlines() if line.startswith("slide-plan: error: ")]
+    assert [line.split(": ")[2] for line in failed] == [str(DATA / "bare.csv"), str(DATA / "inches.csv")]
+
+    code, out, err = slide("slide-plan", *arguments, "--json")
+    document = json.loads(out)
+    assert [Path(each["plan"]).name for each in document["plans"]] == ["plain.json", "names.json", "savetxt.json"]
+    assert [Path(each["command"]).name for each in document["failed"]] == ["bare.csv", "inches.csv"]
+
+    good = [DATA / "plain.csv", DATA / "names.csv", "-o", tmp_path / "plans", "--model", bundle_path]
+    assert slide("slide-plan", *good)[0] == 0
+    code, _, err = slide("slide-plan", *good, "--tolerance", "1e-9")
+    assert code == 1
+    assert f"slide-plan: {DATA / 'names.csv'}: tolerance missed: tracking RMSE " in err
+
+
+def test_many_commands_need_a_folder_and_names_of_their_own(slide: Slide, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    twice = [DATA / "plain.csv", DATA / "drawing.svg", DATA / "plain.csv"]
+    for commands, output, message in (
+        (twice, "plans", "would both be written to"),
+        (twice[:2], "file", "cannot be written: 2 plans need a folder"),
+        (twice[:2], "absent/plans", "cannot be made: No such file"),
+    ):
+        code, _, err = slide("slide-plan", *commands, "-o", tmp_path / output)
+        assert code == 2
+        assert message in err
+        assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_output_is_checked_before_the_work_is_done(

@@ -197,9 +197,17 @@ def test_problem_says_the_place_of_the_fault(server: Any) -> None:
     assert place(command={"t": [0.0, 0.2, 0.1], "position": [[0, 0]] * 3})[0] == "command.t[2]"
     many = server.post("/plans", json={"commands": [GOOD["command"], {"dt": 0.001, "position": [[0, 0], [0, 1000]]}]})
     assert many.json()["place"] == "commands[1].position[1][1]"
-    where, detail = place(command={"dt": 0.001, "position": [[0, 0], [0, 0], [1, 0]]})
-    assert where == "command.position"
-    assert "jumps by 1 m from sample 1 to 2" in detail
+    where, detail = place(command={"dt": 0.001, "position": [[0, 0], [0, 0], [0.3, 0]]})
+    assert where == "command.position[2]"
+    assert "jumps by 0.3 m from waypoint 1 at 0.001 s to waypoint 2 at 0.002 s" in detail
+    where, detail = place(command={"dt": 0.01, "position": [[0, 0], [0, 50], [50, 0]]})
+    assert where == "command.position[1][1]"
+    assert "are these millimetres (--scale 0.001)?" in detail
+    assert place(command={"dt": 0.01, "rate": 100, "position": [[0, 0], [0, 0]]})[0] == "command"
+    assert place(command={"dt": 0.01, "scale": 0, "position": [[0, 0], [0, 0]]})[0] == "command.scale"
+    assert place(command={"dt": 0.01, "origin": "left", "position": [[0, 0], [0, 0]]})[0].startswith("command.origin")
+    assert place(command={"dt": 0.01, "smooth": 999, "position": [[0, 0], [0, 0]]})[0] == "command.smooth"
+    assert place(command={"speed": 1e-9, "position": [[0, 0], [0.1, 0]]})[0] == "command"
 
 
 def test_live_is_answered_at_once_while_bad_requests_rain(server: Any) -> None:

@@ -14,7 +14,7 @@ import httpx
 import numpy as np
 import pytest
 
-from runtime import Friction, Limits, Plan, Planner, ServerError, Start
+from runtime import Command, Friction, Limits, Plan, Planner, Reading, ServerError, Start
 from runtime.client.client import Client
 
 
@@ -71,6 +71,30 @@ def test_waypoints_are_resampled(server: Any) -> None:
     command = {"t": [5.0, 5.4, 6.0], "position": [[0, 0], [0.03, 0.02], [0.05, 0]]}
     plan = server.post("/plan", json={"command": command}).json()
     assert len(plan["command"]["position"]) == 1001
+
+
+def test_options_of_reading_are_those_of_python(server: Any) -> None:
+    t, position = (
+        np.arange(30) * 20.0,
+        20.0 * np.stack([1 - np.cos(np.arange(30) / 5), np.sin(np.arange(30) / 5)], axis=1),
+    )
+    options: dict[str, Any] = {"scale": 0.001, "origin": "first", "smooth": 10.0}
+    path = [[0, 0], [400, 0], [400, 200]]
+    for command, own in (
+        (
+            {"t": t.tolist(), "time_scale": 0.001, **options},
+            Command.from_waypoints(t, position, Reading(time_scale=0.001, **options)),
+        ),
+        ({"rate": 50.0, **options}, Command.from_samples(position, reading=Reading(rate=50.0, **options))),
+        (
+            {"speed": 0.3, "path_acceleration": 2.0, "size": 0.1, "origin": [0.01, 0.0], "position": path},
+            Command.from_path(path, 0.3, 2.0, Reading(size=0.1, origin=(0.01, 0.0))),
+        ),
+    ):
+        response = server.post("/plan", json={"command": {"position": position.tolist(), **command}})
+        assert response.status_code == 200, response.text
+        assert np.array_equal(response.json()["command"]["position"], own.position)
+        assert response.json()["quality"]["notes"][-1:] == list(own.remarks)[-1:] or not own.remarks
 
 
 def test_plans_come_in_order_a_line_each(server: Any, planner: Planner, make_curve: Callable[..., Any]) -> None:

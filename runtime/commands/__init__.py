@@ -1,0 +1,1 @@
+"""How commands are read: files and documents of many kinds, resampling to 1 kHz, and paths without time."""

@@ -1,0 +1,203 @@
+"""Which columns of a table hold t, x and y, by their names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+from runtime.errors import InputError
+
+TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+"""Columns of a trajectory in the format of the TUM RGB-D benchmark."""
+
+SECONDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanoseconds"), 1e-9),
+}
+"""Units of time that a column's name may end in, in seconds."""
+
+METRES = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("cm", "centimeters", "centimetres"), 1e-2),
+    **dict.fromkeys(("mm", "millimeters", "millimetres"), 1e-3),
+    **dict.fromkeys(("in", "inch", "inches"), 0.0254),
+}
+"""Units of length that a column's name may end in, in metres."""
+
+TIMES = ("t", "time", "timestamp", "sec", "secs", "second", "seconds", "stamp", "times", "timestamps", "elapsed")
+"""Names of a time column, the likeliest first."""
+
+GLUED = ("pos{}", "{}pos", "p{}", "t{}", "position{}", "{}position", "{}coord")
+"""How an axis is written in one word with something else."""
+
+POSITIONS = {"position", "pos", "translation", "point", "coord", *(each.format("*") for each in GLUED)}
+"""What tells that an axis is one of a position."""
+
+NO_POSITIONS = {
+    *("velocity", "vel", "speed", "acceleration", "accel", "acc", "linear", "angular", "twist", "orientation"),
+    *("quaternion", "rotation", "force", "torque", "wrench", "effort", "gyro", "mag", "covariance"),
+}
+"""What tells that an axis is one of something else."""
+
+
+class Choice(NamedTuple):
+    """Where t, x and y are.
+
+    Attributes:
+        x, y: indices of columns.
+        t: index and seconds a unit of each column that times are the sum of; empty if there is none. The unit is None
+            where the name does not say it.
+        unit: metres a unit of position, where the names say it.
+    """
+
+    x: int
+    y: int
+    t: tuple[tuple[int, float | None], ...] = ()
+    unit: float | None = None
+
+
+def choose(names: Sequence[str], wanted: Sequence[str] | None) -> Choice:
+    """Find the columns in a table with a header.
+
+    Args:
+        names: the header.
+        wanted: what the user calls the columns of t, x, y, or of x, y; None to find them.
+
+    Raises:
+        InputError: there is no such column, or more than one that it may be.
+    """
+    plain = [name.strip().strip("\"'").lstrip("#%").strip() for name in names]
+    if wanted is not None:
+        return _wanted(plain, wanted)
+    pairs = _pairs(plain)
+    listed = ", ".join(map(repr, names))
+    if not pairs:
+        missing = [axis for axis in "xy" if not any(_stem(_parts(name)[0], axis) for name in plain)] or ["x"]
+        raise InputError(f"missing column {missing[0]!r} among {listed}: say which are meant by --columns T,X,Y")
+    if len(pairs) > 1:
+        several = dict.fromkeys(f"{plain[x]}, {plain[y]}" for x, y in pairs)
+        raise InputError(f"x and y may be {' or '.join(several)}: say which are meant by --columns T,X,Y")
+    x, y = pairs[0]
+    return Choice(x, y, _time(plain), _unit(plain, x, y))
+
+
+def choose_unnamed(count: int, wanted: Sequence[str] | None) -> Choice:
+    """Find the columns in a table without a header.
+
+    Args:
+        count: its number of columns.
+        wanted: what they hold, "t", "x" and "y" among it.
+
+    Raises:
+        InputError: that was not said, or not understood.
+    """
+    if wanted is None:
+        example = "x,y" if count == 2 else "t,x,y"
+        raise InputError(f"there is no header: say what the {count} columns hold, as in --columns {example}")
+    lower = [name.lower() for name in wanted]
+    for axis in "xy":
+        if lower.count(axis) != 1:
+            raise InputError(f"there is no header: --columns must name {axis!r} once, got {','.join(wanted)}")
+    if len(wanted) > count:
+        raise InputError(f"--columns {','.join(wanted)} names {len(wanted)} columns, there are {count}")
+    return Choice(lower.index("x"), lower.index("y"), ((lower.index("t"), None),) if "t" in lower else ())
+
+
+def told(names: Sequence[str], choice: Choice) -> tuple[str, ...]:
+    """Return what to say of columns that were taken: nothing where the table has t, x and y and no more."""
+    if {name.strip() for name in names} in ({"t", "x", "y"}, {"x", "y"}):
+        return ()
+    time = " and ".join(repr(names[index].strip()) for index, _ in choice.t)
+    taken = [each for each in (time, *(repr(names[index].strip()) for index in (choice.x, choice.y))) if each]
+    return (f"took {'t, x, y' if time else 'x, y'} from the columns {', '.join(taken)}",)
+
+
+def _wanted(plain: list[str], wanted: Sequence[str]) -> Choice:
+    if len(wanted) not in (2, 3):
+        raise InputError(f"columns must name t, x and y, or x and y, got {','.join(wanted)}")
+    indices = []
+    for name in wanted:
+        exact = [index for index, each in enumerate(plain) if each == name]
+        close = exact or [index for index, each in enumerate(plain) if each.lower() == name.lower()]
+        if len(close) != 1:
+            number = "no column" if not close else f"{len(close)} columns"
+            raise InputError(f"there is {number} {name!r}, the columns are {', '.join(map(repr, plain))}")
+        indices.append(close[0])
+    *time, x, y = indices
+    return Choice(x, y, tuple((index, _parts(plain[index])[1]) for index in time), _unit(plain, x, y))
+
+
+def _parts(name: str) -> tuple[tuple[str, ...], float | None]:
+    """Return the words of a name, and its unit in seconds if it ends in one: time_ms, time [ms], Time (ms)."""
+    return _split(name, SECONDS)
+
+
+def _split(name: str, units: dict[str, float]) -> tuple[tuple[str, ...], float | None]:
+    words = tuple(word for word in re.split(r"[^a-z0-9µμ]+", name.lower()) if word)
+    if len(words) > 1 and words[-1] in units and words[-1] not in ("t", "x", "y"):
+        return words[:-1], units[words[-1]]
+    return words, None
+
+
+def _unit(plain: list[str], x: int, y: int) -> float | None:
+    units = {_split(plain[index], METRES)[1] for index in (x, y)}
+    if len(units) > 1:
+        raise InputError(f"{plain[x]!r} and {plain[y]!r} are in different units")
+    return units.pop()
+
+
+def _stem(words: tuple[str, ...], axis: str) -> tuple[str, ...] | None:
+    """Return the words with the axis replaced by "*": the same for x and y of one pair; None if it is not in them."""
+    for index in range(len(words) - 1, -1, -1):
+        for form in ("{}", *GLUED):
+            if words[index] == form.format(axis):
+                return (*words[:index], form.format("*"), *words[index + 1 :])
+    return None
+
+
+def _pairs(plain: list[str]) -> list[tuple[int, int]]:
+    """Return the pairs of columns that are likeliest x and y."""
+    found: dict[tuple[str, ...], dict[str, list[int]]] = {}
+    for index, name in enumerate(plain):
+        words = _split(name, METRES)[0]
+        for axis in "xy":
+            stem = _stem(words, axis)
+            if stem is not None and not NO_POSITIONS & set(stem):
+                found.setdefault(stem, {}).setdefault(axis, []).append(index)
+    ranked: dict[int, list[tuple[int, int]]] = {}
+    for stem, axes in found.items():
+        for x, y in product(axes.get("x", []), axes.get("y", [])):
+            rank = 0 if stem == ("*",) else 1 if POSITIONS & set(stem) else 2
+            ranked.setdefault(rank, []).append((x, y))
+    return ranked[min(ranked)] if ranked else []
+
+
+def _time(plain: list[str]) -> tuple[tuple[int, float | None], ...]:
+    """Return the columns whose sum is the time, with their units where their names say it."""
+    ranked = []
+    for index, name in enumerate(plain):
+        whole = tuple(word for word in re.split(r"[^a-z0-9]+", name.lower()) if word)
+        words, unit = _parts(name)
+        if len(words) == 1 and words[0] in TIMES:
+            ranked.append((TIMES.index(words[0]), index, unit))
+        elif len(whole) > 1 and whole[-2] == "stamp" and whole[-1] in ("sec", "secs"):
+            rest = [k for k, each in enumerate(plain) if re.split(r"[^a-z0-9]+", each.lower())[-2:] in NANOSECONDS]
+            if len(rest) == 1:
+                return (index, 1.0), (rest[0], 1e-9)
+        elif words and words[-1] in TIMES[1:]:
+            ranked.append((len(TIMES), index, unit))
+    if not ranked:
+        return ()
+    best = [each for each in ranked if each[0] == min(ranked)[0]]
+    if len(best) > 1:
+        several = " or ".join(plain[index] for _, index, _ in best)
+        raise InputError(f"t may be {several}: say which is meant by --columns T,X,Y")
+    return (best[0][1:],)
+
+
+NANOSECONDS = (["stamp", "nanosec"], ["stamp", "nsec"], ["stamp", "nsecs"])
+"""How ROS calls the rest of a time stamp."""

@@ -1,0 +1,93 @@
+"""Commands in documents: JSON as this project writes it, columns, records, points, strokes; a line each or whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from runtime.commands import arrays
+from runtime.commands.points import Points
+from runtime.commands.reading import OPTIONS, Reading
+from runtime.commands.strokes import from_strokes, is_strokes
+from runtime.documents.files import parse_json
+from runtime.errors import InputError
+
+
+def parse_documents(content: str) -> object:
+    """Parse JSON, or JSON a line (ndjson): the first drawing of many, or all records.
+
+    Raises:
+        InputError: it is neither; line and column are named.
+    """
+    first, _, rest = content.lstrip().partition("\n")
+    if not rest.strip() or not first.rstrip().endswith(("}", "]")):
+        return parse_json(content)
+    try:
+        json.loads(first)
+    except ValueError:
+        return parse_json(content)
+    documents = [parse_json(line) for line in content.splitlines() if line.strip()]
+    return documents[0] if is_strokes(documents[0]) else documents
+
+
+def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
+    """Read positions from a parsed document, and the options it names.
+
+    Args:
+        document: {"t" or "dt", "position"}, columns by their names, a list of points or of records, or strokes; options
+            of `Reading` beside them.
+        reading: options that count before the document's.
+
+    Raises:
+        InputError: a key is missing or unknown, or a value is not what it must be.
+    """
+    if isinstance(document, list) and document and all(isinstance(each, Mapping) for each in document):
+        return arrays.from_columns(_transposed(document), reading), reading
+    if isinstance(document, list):
+        return arrays.from_array(document, reading), reading
+    if not isinstance(document, Mapping):
+        raise InputError('must be an object with the keys "dt" (or "t") and "position"')
+    options = {name: document[name] for name in OPTIONS if name in document and document[name] is not None}
+    reading = reading.completed(options)
+    rest = {name: value for name, value in document.items() if name not in OPTIONS}
+    if is_strokes(rest):
+        return from_strokes(rest), reading
+    if "position" in rest or not (_columns(rest) or reading.columns):
+        return _positions(rest, reading), reading
+    return arrays.from_columns(rest, reading), reading
+
+
+def _columns(document: Mapping[str, Any]) -> bool:
+    return len(document) > 1 and "dt" not in document
+
+
+def _positions(document: Mapping[str, Any], reading: Reading) -> Points:
+    for name in document:
+        if name not in ("t", "dt", "position"):
+            raise InputError(f"unknown key {name!r}, expected t or dt, and position")
+    if "position" not in document:
+        raise InputError("missing key 'position'")
+    given = [name for name in ("t", "dt") if name in document]
+    given += [name for name in ("rate", "speed") if getattr(reading, name) is not None]
+    if given not in (["t"], ["dt"], ["rate"], ["speed"]):
+        raise InputError("exactly one of the keys 't', 'dt', 'rate' and 'speed' is needed")
+    position = arrays.positions(document["position"])
+    if "dt" in document:
+        return Points(position, dt=arrays.interval(document["dt"]))
+    if "t" not in document:
+        return Points(position)
+    return Points(position, arrays.times(document["t"], "t"))
+
+
+def _transposed(records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Return the columns of a list of records.
+
+    Raises:
+        InputError: a record has other keys than the first; it is named.
+    """
+    names = list(records[0])
+    for index, record in enumerate(records):
+        if set(record) != set(names):
+            raise InputError(f"record {index} has the keys {', '.join(record)}, the first has {', '.join(names)}")
+    return {name: [record[name] for record in records] for name in names}

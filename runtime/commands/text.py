@@ -1,0 +1,237 @@
+"""Tables of numbers in text: CSV as many programs write it, TUM trajectories, `np.savetxt`."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+
+from runtime.commands.columns import TUM, Choice, choose, choose_unnamed, told
+from runtime.commands.points import Points
+from runtime.commands.reading import Reading
+from runtime.documents.checks import FloatArray
+from runtime.errors import InputError
+
+DELIMITERS = (";", "\t", ",", "|", None)
+"""What cells may be parted by; None is any number of spaces."""
+
+COMMENTS = ("#", "%", "//")
+
+SAMPLED = 10
+"""Lines of numbers that the delimiter is found from."""
+
+
+class Line(NamedTuple):
+    """A line of a file and its number, from 1."""
+
+    number: int
+    text: str
+
+
+def decode(data: bytes) -> str:
+    """Return the text of a file, which is UTF-8 or UTF-16.
+
+    Raises:
+        InputError: it is neither.
+    """
+    encoding = "utf-8-sig"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    elif 4 * data[:400].count(0) > len(data[:400]):  # every other byte of plain text
+        encoding = "utf-16-be" if data[0] == 0 else "utf-16-le"
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text (byte {error.start})") from error
+
+
+def parse_table(content: str, reading: Reading) -> Points:
+    """Read positions, and times if there are any, from a table.
+
+    Lines that begin with #, % or // are comments; the last before the numbers may be the header.
+
+    Raises:
+        InputError: columns are not found, a row has another number of cells, or a cell is no finite number; the line of
+            the file (from 1) and the column are named.
+    """
+    lines, comment = _lines(content)
+    if not lines:
+        raise InputError("there are no rows")
+    delimiter = _delimiter([line.text for line in lines[1:SAMPLED]] or [lines[0].text])
+    first = _trimmed(_split(lines[0], delimiter))
+    names: Sequence[str] | None = None
+    if all(_number(cell, delimiter) is None for cell in first):
+        header, names, lines = lines[0], first, lines[1:]
+        try:
+            choice = choose(names, reading.columns)
+        except InputError as error:
+            raise InputError(f"line {header.number}: {error}") from None
+    else:
+        names = _commented_header(comment, delimiter, len(first), reading)
+        if names is None and _is_tum(first, delimiter):
+            names = TUM
+        if names is not None and not (reading.columns and {"x", "y"} <= set(reading.columns) - set(names)):
+            choice = choose(names, reading.columns)
+        else:
+            names = None
+            choice = choose_unnamed(len(first), reading.columns)
+    titles = [str(index + 1) for index in range(len(first))] if names is None else names
+    rows = _rows(lines, delimiter, len(first), "the first row" if names is None else "the header")
+    cells = _Cells(rows, [line.number for line in lines], titles, delimiter)
+    position = np.column_stack([cells.numbers(choice.x), cells.numbers(choice.y)])
+    t, time_unit = cells.times(choice)
+    return Points(position, t, unit=choice.unit, time_unit=time_unit, lines=cells.lines, found=told(titles, choice))
+
+
+def _lines(content: str) -> tuple[list[Line], Line | None]:
+    """Return the lines that are neither blank nor comments, and the last comment before them."""
+    kept: list[Line] = []
+    comment = None
+    for number, text in enumerate(re.split(r"\r\n|\n|\r", content), 1):
+        if not text.strip() or (number == 1 and text.startswith("sep=")):  # how Excel names the delimiter
+            continue
+        if not text.lstrip().startswith(COMMENTS):
+            kept.append(Line(number, text))
+        elif not kept:
+            comment = Line(number, text.strip().lstrip("#%/"))
+    return kept, comment
+
+
+def _delimiter(sample: list[str]) -> str | None:
+    """Return what parts most cells of the sample into numbers."""
+
+    def share(delimiter: str | None) -> float:
+        rows = [_trimmed(_split(Line(0, text), delimiter)) for text in sample]
+        cells = [cell for row in rows for cell in row]
+        if min(map(len, rows)) < 2:
+            return -1.0
+        return sum(_number(cell, delimiter) is not None for cell in cells) / len(cells)
+
+    return max(DELIMITERS, key=share)
+
+
+def _split(line: Line, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.text.split()
+    if '"' not in line.text:
+        return line.text.split(delimiter)
+    try:
+        return next(csv.reader([line.text], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error as error:
+        raise InputError(f"line {line.number}: not CSV: {error}") from error
+
+
+def _trimmed(cells: list[str]) -> list[str]:
+    """Return the cells without an empty last one, which a delimiter at the end of the line makes."""
+    return cells[:-1] if len(cells) > 2 and not cells[-1].strip() else cells
+
+
+def _commented_header(comment: Line | None, delimiter: str | None, width: int, reading: Reading) -> list[str] | None:
+    """Return the names in the comment before the numbers, if it is a header."""
+    for each in (delimiter, *DELIMITERS) if comment is not None else ():
+        names = _trimmed(_split(comment, each)) if comment is not None else []
+        if len(names) == width:
+            try:
+                choose(names, None)
+            except InputError:
+                if reading.columns is None or not set(reading.columns) <= {name.strip() for name in names}:
+                    continue
+            return names
+    return None
+
+
+def _is_tum(row: list[str], delimiter: str | None) -> bool:
+    """Return whether a row may be of a TUM trajectory: time, position and a quaternion of length 1."""
+    values = [_number(cell, delimiter) for cell in row]
+    if len(values) != len(TUM):
+        return False
+    return abs(sum(math.nan if value is None else value * value for value in values[4:]) - 1.0) < 0.01
+
+
+def _rows(lines: list[Line], delimiter: str | None, width: int, whose: str) -> list[list[str]]:
+    """Split lines into `width` cells each.
+
+    Raises:
+        InputError: a line has another number; it is named.
+    """
+    rows = []
+    for line in lines:
+        row = _split(line, delimiter)
+        if len(row) != width and len(row := _trimmed(row)) != width:
+            raise InputError(f"line {line.number}: has {len(row)} cells, {whose} has {width}")
+        rows.append(row)
+    return rows
+
+
+def _number(cell: str, delimiter: str | None) -> float | None:
+    """Return the number in a cell, None if it is none; where commas part no cells, one may be a decimal point."""
+    if "_" in cell:  # Python's 1_000 is no number in a file
+        return None
+    try:
+        return float(cell)
+    except ValueError:
+        pass
+    try:
+        return float(cell.replace("\u2212", "-").replace(",", "." if delimiter != "," else ","))
+    except ValueError:
+        return None
+
+
+def _date(cell: str) -> float | None:
+    """Return the seconds since 1970 of a date and time, None if it is none."""
+    try:
+        date = datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+class _Cells(NamedTuple):
+    """The cells of a table, the number of each row's line, and the names of its columns."""
+
+    rows: list[list[str]]
+    lines: list[int]
+    titles: Sequence[str]
+    delimiter: str | None
+
+    def numbers(self, column: int) -> FloatArray:
+        """Return a column (n,).
+
+        Raises:
+            InputError: a cell is no finite number; its line and column are named.
+        """
+        values = [_number(row[column], self.delimiter) for row in self.rows]
+        for row, value in enumerate(values):
+            if value is None or not math.isfinite(value):
+                title = self.titles[column].strip()
+                said = "is not a finite number" if value is not None else "is not a number"
+                found = value if value is not None else repr(self.rows[row][column].strip()[:20])
+                raise InputError(
+                    f"line {self.lines[row]}, column {title}: {found} {said}", f"line[{self.lines[row]}].{title}"
+                )
+        return np.array(values, dtype=np.float64)
+
+    def times(self, choice: Choice) -> tuple[FloatArray | None, float | None]:
+        """Return the times (n,) and their unit in seconds where it is known; None if there are none."""
+        if not choice.t:
+            return None, None
+        (column, unit), *rest = choice.t
+        if rest:
+            return np.sum([each * self.numbers(index) for index, each in choice.t if each], axis=0), 1.0
+        dates = [_date(row[column]) for row in self.rows[:1]]
+        if dates and dates[0] is not None and _number(self.rows[0][column], self.delimiter) is None:
+            return self._dates(column), 1.0
+        return self.numbers(column), unit
+
+    def _dates(self, column: int) -> FloatArray:
+        dates = [_date(row[column]) for row in self.rows]
+        for row, date in enumerate(dates):
+            if date is None:
+                cell = self.rows[row][column][:40]
+                raise InputError(f"line {self.lines[row]}, column {self.titles[column]}: {cell!r} is no date and time")
+        return np.array(dates, dtype=np.float64)
