@@ -1,8 +1,8 @@
 """`slide-plan`: from one command or many to plans.
 
 Exit codes: 0 done, 1 done but a plan is of a status from `poor` on (said in one line), 2 bad input or usage, 130
-interrupted. Of many commands, those that cannot be planned are said one by one, the others are planned all the same, and
-the program exits with 2.
+interrupted. Of many commands, those that cannot be planned are said one by one, the others are planned all the same,
+and the program exits with 2.
 """
 
 from __future__ import annotations

@@ -203,8 +203,8 @@ def test_bad_input_is_one_line_exit_2_and_nothing_written(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_options_say_what_the_numbers_mean(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
-    options = ["--model", bundle_path, "-o", tmp_path / "plan.json"]
+def test_options_say_what_the_numbers_mean(slide: Slide, tmp_path: Path) -> None:
+    options = ["-o", tmp_path / "plan.json"]
     code, _, err = slide("slide-plan", DATA / "millimetres.csv", "--scale", "0.0004", "--smooth", "5", *options)
     assert code == 0
     assert re.fullmatch(r"slide-plan: note: scaled by 0.0004; smoothing moved it by [\d.e-]+ mm at most\n", err)
@@ -216,18 +216,17 @@ def test_options_say_what_the_numbers_mean(slide: Slide, bundle_path: Path, tmp_
     np.testing.assert_allclose(Plan.load(tmp_path / "plan.json").command_position[0], [-0.01, 0.0])
 
 
-def test_standard_input_is_a_command_file(bundle_path: Path, tmp_path: Path) -> None:
-    arguments = ["-", "-o", tmp_path / "plan.json", "--model", bundle_path]
-    with start("slide-plan", *arguments, stdin=(DATA / "names.csv").open()) as process:
+def test_standard_input_is_a_command_file(tmp_path: Path) -> None:
+    with start("slide-plan", "-", "-o", tmp_path / "plan.json", stdin=(DATA / "names.csv").open()) as process:
         _, err = process.communicate()
     assert process.returncode == 0
     assert err == "slide-plan: note: took t, x, y from the columns 'Time', 'Position_X', 'Position_Y'\n"
     assert len(Plan.load(tmp_path / "plan.json")) == 1001
 
 
-def test_many_commands_are_planned_and_what_failed_is_said(slide: Slide, bundle_path: Path, tmp_path: Path) -> None:
+def test_many_commands_are_planned_and_what_failed_is_said(slide: Slide, tmp_path: Path) -> None:
     names = ("plain.csv", "bare.csv", "names.csv", "inches.csv", "savetxt.dat")
-    arguments = [*(DATA / name for name in names), "-o", tmp_path / "plans", "--model", bundle_path]
+    arguments = [*(DATA / name for name in names), "-o", tmp_path / "plans"]
     code, out, err = slide("slide-plan", *arguments)
     assert code == 2
     assert sorted(path.name for path in (tmp_path / "plans").iterdir()) == ["names.json", "plain.json", "savetxt.json"]
@@ -241,7 +240,7 @@ def test_many_commands_are_planned_and_what_failed_is_said(slide: Slide, bundle_
     assert [Path(each["plan"]).name for each in document["plans"]] == ["plain.json", "names.json", "savetxt.json"]
     assert [Path(each["command"]).name for each in document["failed"]] == ["bare.csv", "inches.csv"]
 
-    good = [DATA / "plain.csv", DATA / "names.csv", "-o", tmp_path / "plans", "--model", bundle_path]
+    good = [DATA / "plain.csv", DATA / "names.csv", "-o", tmp_path / "plans"]
     assert slide("slide-plan", *good)[0] == 0
     code, _, err = slide("slide-plan", *good, "--tolerance", "1e-9")
     assert code == 1
