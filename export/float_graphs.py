@@ -1,7 +1,7 @@
 """Builds the two ONNX graphs of a bundle from a trained network, operator by operator.
 
 The graphs hold nothing but a handful of standard operators, the LSTM one among them, so that what a bundle may
-contain can be listed; normalization is inside. Shapes and layouts are those of `train.model`.
+contain can be listed; normalization is inside. Shapes and layouts are those of `train.network.model`.
 """
 
 from __future__ import annotations

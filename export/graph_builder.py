@@ -85,7 +85,7 @@ class GraphBuilder:
 
 
 def add_bound(graph: GraphBuilder, u: str, limit: float) -> None:
-    """Add `train.model.bound_acceleration`: limit tanh(|u|/limit) u/|u|."""
+    """Add `train.network.model.bound_acceleration`: limit tanh(|u|/limit) u/|u|."""
     squared = graph.node("Mul", [u, u], "squared")
     total = graph.node("ReduceSum", [squared, graph.axes("coordinate_axis", -1)], "size_squared", keepdims=1)
     floored = graph.node("Add", [total, graph.scalar("square_floor", SQUARE_FLOOR)], "size_floored")

@@ -1,8 +1,8 @@
 """A bundle: the folder that carries a trained network as two ONNX graphs and a manifest that says what they are.
 
 Nothing of a bundle is believed: the manifest is read strictly, each graph's bytes are compared with the manifest's
-sha256 and looked through (`runtime.graph`) before onnxruntime sees them, and what the graphs take and give is compared
-with the manifest's numbers.
+sha256 and looked through (`runtime.network.onnx_check`) before onnxruntime sees them, and what the graphs take and give
+is compared with the manifest's numbers.
 
 The graphs, C samples in a chunk, everything row by row and in SI units (normalization is inside them):
 
@@ -91,7 +91,8 @@ class Bundle:
 
         Raises:
             BundleError: the manifest or a graph is missing, a hash does not fit, a graph has what no graph of ours
-                has (`runtime.graph`), or the graphs are not what the manifest says: names, shapes, or results.
+                has (`runtime.network.onnx_check`), or the graphs are not what the manifest says: names, shapes,
+                or results.
         """
         path = bundle_path(path)
         source = str(path / MANIFEST_FILE)

@@ -1,6 +1,6 @@
 """One Gauss-Newton step down the tracking error of a whole plan, in time proportional to its length.
 
-Along a plan the law is linearized, sample by sample (`runtime.linearization`), and the squared tracking
+Along a plan the law is linearized, sample by sample (`runtime.physics.linearized`), and the squared tracking
 error, with a penalty where the pan nears its reach, becomes a quadratic function of the changes of the acceleration:
 a linear-quadratic problem, which one backward sweep solves. The changes are constant over blocks of BLOCK samples. The
 sweep also says how each block's change is to answer to where the motion differs from the plan it was linearized

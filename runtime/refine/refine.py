@@ -1,9 +1,9 @@
 """Refinement: a plan made better by descending its tracking error through the law.
 
 The network plans in a single pass; what is left of the error is brought down by Gauss-Newton steps on the pan's
-accelerations (`runtime.descent`), damped until they pay. A step sees only what the strokes it has would gain from
-being a little different; where none pays, single strokes are kicked, at random but the same each time, while all that
-follows answers as the last step found best, and what tracks better is kept.
+accelerations (`runtime.refine.gauss_newton`), damped until they pay. A step sees only what the strokes it has would
+gain from being a little different; where none pays, single strokes are kicked, at random but the same each time, while
+all that follows answers as the last step found best, and what tracks better is kept.
 
 Each try keeps the limits on acceleration and jerk, and a penalty keeps the pan in reach; of what is found, the best
 that also keeps its reach, and from whose end a stop in reach leads on, is what counts. The governor goes over it in the
@@ -65,7 +65,7 @@ PLANNED_FOR = 2.0
 
 
 class Kernels(NamedTuple):
-    """`runtime.descent`'s two loops over the samples, and how a column is made for them."""
+    """`runtime.refine.gauss_newton`'s two loops over the samples, and how a column is made for them."""
 
     move: Callable[..., tuple[float, float, float]]
     sweep: Callable[..., None]

@@ -4,8 +4,9 @@ A step takes a third of a millisecond: in the event loop answers come sooner tha
 
 The first message opens the stream, as JSON: {"format": "slide-stream/1", "command": ..., "packed": false} and the
 options of a plan. The answer says what decodes. From then on each message is a step, numbered from 0, and each answer
-the chunk of that number; see `runtime.wire`. A JSON step may carry another "command" to follow from then on, or a
-"start" to begin again from after a stop. What is wrong is said in a problem document before the socket is closed.
+the chunk of that number; see `runtime.client.messages`. A JSON step may carry another "command" to follow from then
+on, or a "start" to begin again from after a stop. What is wrong is said in a problem document before the socket is
+closed.
 """
 
 from __future__ import annotations

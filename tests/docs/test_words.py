@@ -28,6 +28,25 @@ def test_nothing_is_told_of_the_projects_history(path: Path) -> None:
     assert found is None, text[max(0, found.start() - 60) : found.end() + 60] if found else ""
 
 
+@pytest.mark.parametrize("path", [*DOCUMENTS, *SOURCES], ids=lambda path: str(path.relative_to(ROOT)))
+def test_modules_that_are_named_exist(path: Path) -> None:
+    for name in re.findall(
+        r"`((?:runtime|server|train|export|benchmarks)(?:\.\w+)+)`", path.read_text(encoding="utf-8")
+    ):
+        assert known(name), name
+
+
+def known(dotted: str) -> bool:
+    """Whether a name leads to a module, or to a word of one."""
+    parts = dotted.split(".")
+    for count in range(len(parts), 0, -1):
+        module = ROOT.joinpath(*parts[:count])
+        file = module / "__init__.py" if module.is_dir() else module.with_suffix(".py")
+        if file.exists():
+            return count == len(parts) or parts[count] in re.findall(r"\w+", file.read_text(encoding="utf-8"))
+    return False
+
+
 def test_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 900
 

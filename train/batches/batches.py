@@ -21,7 +21,7 @@ from train.curriculum import Task
 class Batch(NamedTuple):
     """One batch as the losses want it: row k of what has K rows, but for `command`, is the instant t_{k+1}.
 
-    `before` and `noise` are as in `train.closed_loop.decode`.
+    `before` and `noise` are as in `train.physics.closed_loop.decode`.
     """
 
     command: Tensor

@@ -11,7 +11,7 @@ from train.config import TrainConfig
 
 
 class Disturbance(NamedTuple):
-    """What a batch of B trajectories of K samples is disturbed by; rows of states as in `train.rollout`.
+    """What a batch of B trajectories of K samples is disturbed by; rows of states as in `train.physics.rollout`.
 
     Attributes:
         lead_in: chunks of the command that are followed before the trajectories begin.

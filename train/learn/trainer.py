@@ -73,7 +73,7 @@ class Decoding(nn.Module):
 class Trainer:
     """A training run in a folder: `checkpoint.pt` after every epoch, TensorBoard scalars beside it.
 
-    Several processes (`train.parallel`) train as one: each has its own trainer, and process 0 writes.
+    Several processes (`train.learn.parallel`) train as one: each has its own trainer, and process 0 writes.
 
     Args:
         config: what to train.
