@@ -323,7 +323,7 @@ def time_lone_client(port: int, processes: Sequence[int], requests: Sequence[byt
 
 def time_python_client(port: int, count: int) -> float:
     """Return the median time of a plan through the client in Python (s): its own JSON, written and read, is in it."""
-    from runtime.client.client import Client
+    from runtime.client import Client
 
     durations, positions = [], spline().positions
     with Client(f"http://127.0.0.1:{port}") as client:

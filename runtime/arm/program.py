@@ -18,7 +18,7 @@ from runtime.arm.results import Results, judge, measured_track
 from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera, check_ffmpeg, check_film, filming
-from runtime.client.stream import RemoteStream
+from runtime.client import RemoteStream
 from runtime.documents.files import check_writable, reading
 from runtime.errors import InputError
 from runtime.physics.law import DT

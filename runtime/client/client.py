@@ -1,31 +1,26 @@
-"""A client in Python: plans over HTTP, and a closed loop over WS.
-
-with Client("http://127.0.0.1:8000") as client:
-    plan = client.plan(position)
-"""
+"""Plans from a server, over HTTP."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime import Friction, Limits, Plan, ServerError, Start
-from runtime.client.stream import RemoteStream, said
+from runtime.client.request import command_document, options_document
+from runtime.client.stream import RemoteStream, problem_text
 from runtime.documents.files import parse_json
 from runtime.errors import InputError, extra
-from runtime.physics.law import DT
-
-if TYPE_CHECKING:
-    import httpx
 
 
-class Client:
-    """Talks to one server; a context manager.
+class Client(AbstractContextManager["Client"]):
+    """Plans with one server; a context manager.
+
+        with Client("http://127.0.0.1:8000") as client:
+            plan = client.plan(position)  # (K, 2) metres at 1 kHz
 
     Args:
         url: of the server, as in http://127.0.0.1:8000.
@@ -41,6 +36,7 @@ class Client:
             import httpx
         self._url, self._token, self._timeout = url.rstrip("/"), token, timeout
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+        self._unreachable = httpx.HTTPError, httpx.InvalidURL
         self._http = httpx.Client(base_url=self._url, headers=headers, timeout=timeout)
 
     def plan(
@@ -56,11 +52,12 @@ class Client:
         """Plan for one command; the arguments are those of `Planner.plan`.
 
         Raises:
+            InputError: a position is no finite number, or the limits are not finite.
             ServerError: the server cannot be reached or refuses; what it says is passed on.
         """
-        request = {"command": _command(position), **_options(friction, limits, start)}
+        request = {"command": command_document(position), **options_document(friction, limits, start)}
         request |= {name: it for name, it in (("refine_ms", refine_ms), ("tolerance", tolerance)) if it is not None}
-        with _answering(self._url):
+        with self._asking():
             return self._read(self._http.post("/plan", json=request))
 
     def plans(
@@ -74,10 +71,12 @@ class Client:
         """Plan for many commands; each plan is yielded as soon as it is there, in the order of the commands.
 
         Raises:
+            InputError: as for `plan`.
             ServerError: as for `plan`, or one command could not be planned.
         """
-        request = {"commands": [_command(position) for position in positions], **_options(friction, limits, start)}
-        with _answering(self._url), self._http.stream("POST", "/plans", json=request) as response:
+        commands = [command_document(position) for position in positions]
+        request = {"commands": commands, **options_document(friction, limits, start)}
+        with self._asking(), self._http.stream("POST", "/plans", json=request) as response:
             if response.is_error:
                 response.read()
                 self._read(response)
@@ -88,13 +87,22 @@ class Client:
         """Follow a command with a controller that measures; see `RemoteStream`."""
         return RemoteStream(self._url, position, friction, token=self._token, **options)
 
+    def ready(self) -> bool:
+        """Return whether the server takes work.
+
+        Raises:
+            ServerError: it cannot be reached.
+        """
+        with self._asking():
+            return bool(self._http.get("/health/ready").is_success)
+
     def info(self) -> dict[str, Any]:
         """Return what the server plans with and what it was told.
 
         Raises:
             ServerError: as for `plan`.
         """
-        with _answering(self._url):
+        with self._asking():
             response = self._http.get("/info")
             if response.is_error:
                 self._read(response)
@@ -105,42 +113,23 @@ class Client:
         """Hang up."""
         self._http.close()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    def _read(self, response: httpx.Response) -> Plan:
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """Turn what goes wrong between here and the server into a ServerError."""
+        try:
+            yield
+        except self._unreachable as error:
+            raise ServerError(f"{self._url}: cannot be reached: {error}") from None
+        except InputError as error:
+            raise ServerError(f"{self._url}: not an answer of ours: {error}") from None
+
+    def _read(self, response: Any) -> Plan:
         return self._plan(parse_json(response.text))
 
     def _plan(self, document: Any) -> Plan:
         if isinstance(document, dict) and "type" in document:
-            raise ServerError(f"{self._url}: {said(document)}")
+            raise ServerError(f"{self._url}: {problem_text(document)}")
         return Plan.from_dict(document, "answer")
-
-
-@contextmanager
-def _answering(url: str) -> Iterator[None]:
-    """Turn what goes wrong on the wire into a ServerError."""
-    import httpx
-
-    try:
-        yield
-    except (httpx.HTTPError, httpx.InvalidURL) as error:
-        raise ServerError(f"{url}: cannot be reached: {error}") from None
-    except InputError as error:
-        raise ServerError(f"{url}: not an answer of ours: {error}") from None
-
-
-def _command(position: ArrayLike) -> dict[str, Any]:
-    return {"dt": DT, "position": np.asarray(position, dtype=np.float64).tolist()}
-
-
-def _options(friction: Friction | None, limits: Limits | None, start: Start | None) -> dict[str, Any]:
-    given = (("friction", friction), ("limits", limits), ("start", start))
-    return {
-        name: {key: item for key, item in vars(value).items() if item is not None}
-        for name, value in given
-        if value is not None
-    }

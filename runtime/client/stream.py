@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_step, unpack_chunk
+from runtime.client.request import command_document, options_document
 from runtime.documents.checks import FloatArray, fields, table
 from runtime.documents.files import parse_json
 from runtime.errors import InputError, ServerError, extra
 from runtime.friction import Friction
 from runtime.limits import Limits
-from runtime.physics.law import DT
 from runtime.start import Start
 from runtime.stream import StreamStatus
 
@@ -24,8 +24,11 @@ MAX_MESSAGE = 1 << 24
 """Largest message taken from a server (bytes): a chunk and its stop are far below."""
 
 
-class RemoteStream:
+class RemoteStream(AbstractContextManager["RemoteStream"]):
     """One command followed chunk by chunk with a server's network; a context manager, for one thread.
+
+        with RemoteStream("http://127.0.0.1:8000", position) as stream:
+            acceleration = stream.step(pan_state, object_state)  # (C, 2) m/s^2, for the next C samples
 
     Args:
         url: of the server, as in http://127.0.0.1:8000.
@@ -41,6 +44,7 @@ class RemoteStream:
         last: the chunk given last, with the stop from its end; None before the first.
 
     Raises:
+        InputError: a position is no finite number, or the limits are not finite.
         ServerError: the server cannot be reached, or refuses; what it says is passed on.
         MissingExtraError: websockets is not installed.
     """
@@ -62,12 +66,10 @@ class RemoteStream:
         self.last: Chunk | None = None
         opening: dict[str, Any] = {
             "format": STREAM_FORMAT,
-            "command": {"dt": DT, "position": np.asarray(position, dtype=np.float64).tolist()},
+            "command": command_document(position),
             "packed": packed,
+            **options_document(friction, limits, start),
         }
-        for name, value in (("friction", friction), ("limits", limits), ("start", start)):
-            if value is not None:
-                opening[name] = {key: item for key, item in vars(value).items() if item is not None}
         self._stack = ExitStack()
         self._socket = _connect(url, token, timeout, self._stack)
         try:
@@ -105,9 +107,6 @@ class RemoteStream:
         """Hang up."""
         self._stack.close()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
@@ -131,11 +130,11 @@ class RemoteStream:
             return unpack_chunk(answer)
         document = parse_json(answer)
         if isinstance(document, dict) and "type" in document:
-            raise ServerError(f"{self._url}: {said(document)}")
+            raise ServerError(f"{self._url}: {problem_text(document)}")
         return document
 
 
-def said(problem: dict[str, Any]) -> str:
+def problem_text(problem: dict[str, Any]) -> str:
     """Return in one line what a problem document says."""
     place = f"{problem['place']}: " if problem.get("place") else ""
     return f"{problem.get('title')}: {place}{problem.get('detail', '')}".rstrip(": ")
@@ -184,5 +183,5 @@ def _refusal(response: Any) -> str:
     except (InputError, UnicodeDecodeError):
         document = None
     if isinstance(document, dict) and "title" in document:
-        return said(document)
+        return problem_text(document)
     return f"refused with status {response.status_code}"

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import orjson
 
-from runtime import BundleError, InputError, Plan, Planner, SlideError, Status
+from runtime import BundleError, InputError, MissingExtraError, Plan, Planner, SlideError, Status
 from runtime.network.bundle import Bundle, DecoderState, Float32Array
 from runtime.physics.law import compile_law
 from server.planning.messages import LENGTHS, PlanFailure, PlanJob, PlannerOptions, PlanReply, frame
@@ -88,7 +88,9 @@ class Worker:
                 for index in indices:
                     self._plan(batch, range(index, index + 1))
                 return
-            if not isinstance(error, InputError):
+            if isinstance(error, MissingExtraError):
+                error = InputError(f"the server cannot refine a plan: {error}", "refine_ms")
+            elif not isinstance(error, InputError):
                 log.exception("planning failed")
             self._send(PlanFailure(indices[0], error if isinstance(error, InputError) else None))
             return

@@ -2,11 +2,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import httpx
@@ -24,6 +28,9 @@ from server.settings import Settings
 def ask(method: str, url: str, **content: Any) -> httpx.Response:
     """Send a request; patient, since the machine may be busy, and without the certificates that https would need."""
     return httpx.request(method, url, timeout=60.0, verify=False, **content)
+
+
+SLIDE_SERVE = Path(sys.executable).with_name("slide-serve")
 
 
 class Running(NamedTuple):
@@ -79,6 +86,55 @@ def running(command: Sequence[str] = PLANNING_COMMAND, **settings: Any) -> Itera
         server.should_exit = True
         thread.join(timeout=30.0)
         assert not thread.is_alive()
+
+
+class Process:
+    """`slide-serve` as a process of its own, on a port that was free."""
+
+    def __init__(
+        self, *arguments: str, output: Any = subprocess.PIPE, cwd: Path | None = None, **settings: Any
+    ) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        given = {"SLIDE_PORT": self.port, "SLIDE_MAX_REFINE_MS": 0, **settings}
+        environment = {**os.environ, **{name: str(value) for name, value in given.items()}}
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.process = subprocess.Popen(
+            [SLIDE_SERVE, *arguments], env=environment, cwd=cwd, stdout=output, stderr=output, text=True
+        )
+
+    def get(self, path: str) -> httpx.Response:
+        return ask("GET", f"{self.url}{path}")
+
+    def post(self, path: str, **content: Any) -> httpx.Response:
+        return ask("POST", f"{self.url}{path}", **content)
+
+    def wait_until_ready(self) -> None:
+        until = time.monotonic() + 240.0
+        while time.monotonic() < until and self.process.poll() is None:
+            try:
+                if self.get("/health/ready").status_code == 200:
+                    return
+            except httpx.TransportError:
+                pass
+            time.sleep(0.05)
+        pytest.fail(f"the server is never ready: {self.process.poll()}")
+
+    def ended(self) -> tuple[int, str]:
+        """Return exit code and what was said on standard error."""
+        _, said = self.process.communicate(timeout=60.0)
+        return self.process.returncode, said
+
+
+@contextmanager
+def process(*arguments: str, **settings: Any) -> Iterator[Process]:
+    it = Process(*arguments, **settings)
+    try:
+        it.wait_until_ready()
+        yield it
+    finally:
+        it.process.kill()
+        it.process.communicate()
 
 
 @pytest.fixture(scope="session")

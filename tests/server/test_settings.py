@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from runtime.client.client import Client
+from runtime.client import Client
 from server.cli import serve_main
 from server.settings import Settings
 
@@ -41,6 +41,7 @@ def test_token_is_needed_for_all_that_plans_or_tells(run_server: Callable[..., A
             assert len(client.plan(make_curve())) == 300
             client.stream(make_curve()).close()
             assert client.info()["settings"]["token_needed"] is True
+            assert client.ready()
 
 
 def test_info_tells_settings_but_no_secret_and_no_path(run_server: Callable[..., Any]) -> None:

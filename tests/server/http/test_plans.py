@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from runtime import Command, Friction, Limits, Plan, Planner, Reading, ServerError, Start
-from runtime.client.client import Client
+from runtime.client import Client
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,11 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from runtime import Friction, Limits, Planner, ServerError, Start, StreamStatus
+from runtime import Friction, InputError, Limits, Planner, ServerError, Start, StreamStatus
 from runtime.cli.run import run_main
-from runtime.client.client import Client
+from runtime.client import Client, RemoteStream
 from runtime.client.messages import Chunk, Step, pack_chunk, pack_step, unpack_chunk, unpack_step
-from runtime.client.stream import RemoteStream
+from runtime.limits import NO_LIMITS
 from runtime.physics.law import rollout
 from runtime.physics.pan import integrate_pan
 
@@ -54,9 +54,10 @@ def test_remote_stream_gives_what_a_stream_in_the_process_gives(
     server: Any, make_curve: Callable[..., Any], packed: bool, tolerance: float
 ) -> None:
     position, friction = make_curve(450), Friction(0.9, 0.45)
-    own = Planner().stream(position, friction, limits=Limits(jerk=8000.0))
+    planner = Planner()
+    own = planner.stream(position, friction, limits=Limits(jerk=8000.0))
     with RemoteStream(server.url, position, friction, limits=Limits(jerk=8000.0), packed=packed) as remote:
-        assert remote.model == {"name": own._bundle.manifest.name, "sha256": own._bundle.sha256}
+        assert remote.model == {"name": planner.bundle.manifest.name, "sha256": planner.bundle.sha256}
         pan, sliding = np.zeros((100, 4)), np.tile([*position[0], 0.0, 0.0], (100, 1))
         for _ in range(5):
             expected, got = own.step(pan, sliding), remote.step(pan, sliding)
@@ -199,3 +200,7 @@ def test_client_names_what_is_wrong(server: Any) -> None:
         client.plan(np.zeros((5, 2)))
     with Client(server.url) as client, pytest.raises(ServerError, match=r"command\.position: position jumps by 1 m"):
         client.plan([[0.0, 0.0], [1.0, 0.0]])
+    with Client(server.url) as client, pytest.raises(InputError, match=r"position\[1\], column y: nan"):
+        client.plan([[0.0, 0.0], [0.0, np.nan]])
+    with pytest.raises(InputError, match="these are not finite"):
+        RemoteStream(server.url, np.zeros((5, 2)), limits=NO_LIMITS)

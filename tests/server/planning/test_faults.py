@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -19,59 +18,10 @@ from typing import Any
 import httpx
 import pytest
 
-from runtime.client.client import Client
+from runtime.client import Client
 from runtime.planner import DEFAULT_BUNDLE
 
-from ..conftest import ask, received, wait_for
-
-SLIDE_SERVE = Path(sys.executable).with_name("slide-serve")
-
-
-class Process:
-    """`slide-serve` as a process of its own, on a port that was free."""
-
-    def __init__(self, *arguments: str, output: Any = subprocess.PIPE, **settings: Any) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
-        given = {"SLIDE_PORT": self.port, "SLIDE_MAX_REFINE_MS": 0, **settings}
-        environment = {**os.environ, **{name: str(value) for name, value in given.items()}}
-        self.url = f"http://127.0.0.1:{self.port}"
-        self.process = subprocess.Popen(
-            [SLIDE_SERVE, *arguments], env=environment, stdout=output, stderr=output, text=True
-        )
-
-    def get(self, path: str) -> httpx.Response:
-        return ask("GET", f"{self.url}{path}")
-
-    def post(self, path: str, **content: Any) -> httpx.Response:
-        return ask("POST", f"{self.url}{path}", **content)
-
-    def wait_until_ready(self) -> None:
-        until = time.monotonic() + 240.0
-        while time.monotonic() < until and self.process.poll() is None:
-            try:
-                if self.get("/health/ready").status_code == 200:
-                    return
-            except httpx.TransportError:
-                pass
-            time.sleep(0.05)
-        pytest.fail(f"the server is never ready: {self.process.poll()}")
-
-    def ended(self) -> tuple[int, str]:
-        """Return exit code and what was said on standard error."""
-        _, said = self.process.communicate(timeout=60.0)
-        return self.process.returncode, said
-
-
-@contextmanager
-def process(*arguments: str, **settings: Any) -> Iterator[Process]:
-    it = Process(*arguments, **settings)
-    try:
-        it.wait_until_ready()
-        yield it
-    finally:
-        it.process.kill()
-        it.process.communicate()
+from ..conftest import Process, process, received, wait_for
 
 
 def assert_answers(server: Any, request: dict[str, Any]) -> None:
@@ -290,6 +240,20 @@ def test_onnxruntime_exception_is_a_500_and_the_next_plan_is_made(
         assert "secret" not in answers[1].text
         assert_answers(server, make_request())
         assert server.service.dispatcher.process == process
+
+
+WITHOUT_NUMBA = "import sys; sys.modules['numba'] = None; from server.planning.worker import main; main()"
+
+
+def test_server_without_numba_refuses_to_refine_and_says_what_to_install(
+    run_server: Callable[..., Any], make_request: Callable[..., Any]
+) -> None:
+    with run_server([sys.executable, "-P", "-c", WITHOUT_NUMBA], max_refine_ms=200.0) as server:
+        answer = server.post("/plan", json=make_request(refine_ms=10.0))
+        assert answer.status_code == 422
+        assert answer.json()["place"] == "refine_ms"
+        assert "numba is not installed" in answer.json()["detail"]
+        assert_answers(server, make_request())
 
 
 def test_full_disk_stops_no_plan(make_request: Callable[..., Any], tmp_path: Path) -> None:
