@@ -110,6 +110,8 @@ class Quality:
         worst: by the same names, the sample at which the figure is reached; None where it is not known.
         governed: what the governor changed; None where it is not known.
         friction: under which friction the plan holds a tolerance; None if that was not asked.
+        friction_off_rmse: tracking RMSE (m) if both coefficients are 10 % off, lower or higher, open loop: the worst of
+            the four ways; None where it is not known.
         command_off_pan, object_off_pan: where the command, and the object by the prediction, come over the pan's rim;
             None where they do not, or it is not known.
         status: the worst thing to be said.
@@ -130,6 +132,7 @@ class Quality:
     worst: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(UNITS))
     governed: Changes | None = None
     friction: FrictionRange | None = None
+    friction_off_rmse: float | None = None
     command_off_pan: OffPan | None = None
     object_off_pan: OffPan | None = None
 
@@ -142,6 +145,7 @@ class Quality:
             "worst": dict(self.worst),
             "governed": None if self.governed is None else self.governed._asdict(),
             "friction": None if self.friction is None else self.friction._asdict(),
+            "friction_off_rmse": self.friction_off_rmse,
             "command_off_pan": None if self.command_off_pan is None else self.command_off_pan._asdict(),
             "object_off_pan": None if self.object_off_pan is None else self.object_off_pan._asdict(),
             "status": self.status.value,
@@ -172,6 +176,7 @@ class Quality:
             worst=_by_limit(parts.get("worst", {"pan_reach": None, "acceleration": None}), f"{where}.worst"),
             governed=None if governed is None else _changes(governed, f"{where}.governed"),
             friction=None if friction is None else _friction_range(friction, f"{where}.friction"),
+            friction_off_rmse=_optional(parts.get("friction_off_rmse"), f"{where}.friction_off_rmse"),
             command_off_pan=_off_pan(parts.get("command_off_pan"), f"{where}.command_off_pan"),
             object_off_pan=_off_pan(parts.get("object_off_pan"), f"{where}.object_off_pan"),
             status=Status(status),
@@ -180,7 +185,7 @@ class Quality:
 
 
 _NUMBERS = tuple(each.name for each in fields_of(Quality)[:6])
-_OPTIONAL = ("worst", "governed", "friction", "command_off_pan", "object_off_pan")
+_OPTIONAL = ("worst", "governed", "friction", "friction_off_rmse", "command_off_pan", "object_off_pan")
 
 
 def _by_limit(value: object, where: str) -> dict[str, float | None]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from runtime.assess.sureness import friction_off_error
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import UNITS, Limits
@@ -99,6 +100,7 @@ def assess(
         worst={name: int(values.argmax()) for name, values in along.items()},
         governed=changes,
         friction=tolerance,
+        friction_off_rmse=friction_off_error(motion, command_position, friction),
         command_off_pan=off_pan["command"],
         object_off_pan=off_pan["object"],
         status=status,

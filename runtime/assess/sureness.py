@@ -10,13 +10,33 @@ from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.law import rollout_batch
 from runtime.physics.motion import Motion, lengths
+from runtime.physics.positions import slide_positions
 from runtime.quality import FrictionRange
+
+FRICTION_OFF = 0.1
+"""Share by which the friction is taken to be off: what measuring it, or a drop of oil, makes of it."""
 
 FRICTION_STEP = 0.05
 """Spacing of the coefficients that a plan is replayed under; a hundredth is less than anyone measures."""
 
 ROUNDING = 1e-6
 """Share of a step by which a range may fall short of a whole number of steps."""
+
+
+def friction_off_error(motion: Motion, command_position: FloatArray, friction: Friction) -> float:
+    """Return the tracking RMSE (m) of a plan, replayed open loop under friction that is FRICTION_OFF off.
+
+    Of the four corners, each coefficient lower or higher by that share, the worst.
+
+    Args:
+        motion: K samples of pan and object, as planned.
+        command_position: (K, 2) where the object should be (m).
+        friction: what it was made for.
+    """
+    positions = slide_positions(motion.sliding[0], motion.acceleration[:-1], friction.corners(FRICTION_OFF))
+    errors = positions - command_position
+    squares: FloatArray = np.mean(errors[..., 0] ** 2 + errors[..., 1] ** 2, axis=1)
+    return float(np.sqrt(squares.max()))
 
 
 def friction_range(

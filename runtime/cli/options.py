@@ -46,6 +46,12 @@ def reach_of_limit(plan: Plan) -> str:
     return f"{plan.quality.pan_reach * MM:.1f} mm{of}"
 
 
+def friction_off(plan: Plan) -> str:
+    """Say how the plan tracks if the friction is another."""
+    error = plan.quality.friction_off_rmse
+    return "not known" if error is None else f"{error * MM:.2f} mm"
+
+
 def conclude(name: str, plan: Plan, missed: Sequence[str] = (), said: Sequence[str] = ()) -> None:
     """Say the worst of the plan, and what was missed besides; a miss, or a plan that failed, exits with 1.
 

@@ -18,7 +18,7 @@ import typer
 
 from runtime.assess.assess import cannot_slide
 from runtime.cli.console import BAD_INPUT, DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
-from runtime.cli.options import Kinetic, SizeOptions, Static, chosen_friction, conclude, reach_of_limit
+from runtime.cli.options import Kinetic, SizeOptions, Static, chosen_friction, conclude, friction_off, reach_of_limit
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
 from runtime.commands.reading import Reading
@@ -192,6 +192,7 @@ def _show(made: Made, as_json: bool) -> None:
         rows = [
             ("tracking RMSE", f"{quality.tracking_rmse * MM:.2f} mm"),
             ("tracking maximum", f"{quality.tracking_max * MM:.2f} mm"),
+            ("RMSE if friction is 10 % off", friction_off(plan)),
             ("pan reach", reach_of_limit(plan)),
             ("pan, object radius", f"{plan.sizes.pan_radius * MM:g} mm, {plan.sizes.object_radius * MM:g} mm"),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),

@@ -229,9 +229,14 @@ def compile_law(use: bool = True) -> bool:
     return True
 
 
+def law_is_compiled() -> bool:
+    """Return whether numba runs the law; see `compile_law`."""
+    return _compiled is not None
+
+
 def one_by_one(count: int) -> bool:
     """Return whether that many trajectories are quicker by `rollout` in a loop than by `rollout_batch`."""
-    return count < BATCHED_FROM or _compiled is not None
+    return count < BATCHED_FROM or law_is_compiled()
 
 
 def slide_step_batch(

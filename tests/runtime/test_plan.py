@@ -50,6 +50,7 @@ def plans(draw: st.DrawFn) -> Plan:
         worst=draw(optional_limits),
         governed=draw(st.none() | changes),
         friction=draw(st.none() | friction_ranges),
+        friction_off_rmse=draw(st.none() | finite),
         command_off_pan=draw(st.none() | off_pans),
         object_off_pan=draw(st.none() | off_pans),
     )
@@ -277,7 +278,7 @@ def test_plan_written_before_the_governor_and_the_rim_is_still_read(plan: Plan) 
     document = plan.to_dict()
     del document["sizes"]
     quality = document["quality"]
-    for name in ("worst", "governed", "friction", "command_off_pan", "object_off_pan"):
+    for name in ("worst", "governed", "friction", "friction_off_rmse", "command_off_pan", "object_off_pan"):
         del quality[name]
     for name in ("limits", "margins"):
         quality[name] = {"pan_reach": 0.2, "acceleration": None}

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Sizes, Start, Status
+from runtime.commands.reading import Reading
 from runtime.network.reader import Window
 from runtime.physics.law import BATCHED_FROM, compile_law, rollout
 from runtime.physics.pan import integrate_pan
@@ -267,3 +268,11 @@ def test_limits_sizes_and_ranges_come_from_the_manifest(
     assert plan.sizes == Sizes(0.05, 0.04)
     assert plan.quality.status is Status.OFF_PAN
     assert planner.plan(make_curve(600), sizes=Sizes()).sizes == Sizes()
+
+
+def test_plan_says_how_its_command_was_read(planner: Planner) -> None:
+    t = np.arange(0.0, 0.6, 0.02)
+    command = Command.from_waypoints(t, np.stack([10.0 * t, 0.0 * t], axis=1), Reading(scale=0.005))
+    assert command.notes
+    plan = planner.plan(command)
+    assert plan.quality.notes[-len(command.notes) :] == command.notes

@@ -3,11 +3,33 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from runtime import Friction, Plan
-from runtime.assess.sureness import FRICTION_STEP, friction_range
+from runtime.assess.sureness import FRICTION_STEP, friction_off_error, friction_range
 from runtime.physics.motion import Motion
 from runtime.quality import FrictionRange
+
+
+@pytest.mark.parametrize("friction", [Friction(1.0, 0.5), Friction(0.5, 0.5), Friction(10.0, 0.0), Friction(0.0, 0.0)])
+def test_error_under_friction_that_is_off_is_the_worst_replay_of_four(plan: Plan, friction: Friction) -> None:
+    u, start = plan.pan_acceleration, plan.object_position[0]
+    states = np.zeros((len(u) + 1, 4))
+    states[:, :2] = start
+    motion = Motion(u, u, np.zeros((len(u) + 1, 4)), states)
+    found = friction_off_error(motion, plan.command_position, friction)
+    errors = []
+    for static in (0.9 * friction.static, min(1.1 * friction.static, 10.0)):
+        for kinetic in (0.9 * friction.kinetic, 1.1 * friction.kinetic):
+            replayed = plan.replay(Friction(static, min(kinetic, static)))[:, :2]
+            errors.append(np.sqrt(np.mean(np.sum((replayed - plan.command_position) ** 2, axis=1))))
+    assert found == pytest.approx(max(errors), abs=1e-12)
+
+
+def test_every_plan_says_how_sure_it_is(plan: Plan) -> None:
+    assert plan.quality.friction_off_rmse is not None
+    assert plan.quality.friction_off_rmse > 0.0
+    assert Plan.from_dict(plan.to_dict()).quality.friction_off_rmse == plan.quality.friction_off_rmse
 
 
 def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> None:

@@ -1,0 +1,49 @@
+"""The law in complex numbers is the law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from runtime import Friction
+from runtime.physics.law import GRAVITY, compile_law, rollout
+from runtime.physics.positions import slide_positions
+
+FRICTIONS = [Friction(1.0, 0.5), Friction(0.4, 0.4), Friction(0.2, 0.0), Friction(0.0, 0.0), Friction(10.0, 1.0)]
+
+
+@pytest.mark.parametrize("columns", [2, 3])
+@pytest.mark.parametrize("size", [0.5, 8.0, 40.0])
+def test_positions_are_the_rollouts(columns: int, size: float) -> None:
+    rng = np.random.default_rng(int(size))
+    branches = set()
+    for _ in range(40):
+        u = np.cumsum(rng.normal(0.0, 0.3 * size, (400, columns)), axis=0) * 0.2
+        u[100:150] = 0.0
+        if columns == 3:
+            u[:, 2] = np.clip(u[:, 2], -0.9 * GRAVITY, 20.0)
+        state = np.array([*rng.normal(0.0, 0.05, 2), *(rng.normal(0.0, 0.2, 2) if rng.random() < 0.5 else (0.0, 0.0))])
+        found = slide_positions(state, u, FRICTIONS)
+        for positions, friction in zip(found, FRICTIONS, strict=True):
+            states = np.concatenate([state[None], rollout(state, u, friction)])
+            np.testing.assert_allclose(positions, states[:, :2], rtol=1e-12, atol=1e-12)
+            moving = states[:, 2:].any(axis=1)
+            branches |= set(zip(moving[:-1].tolist(), moving[1:].tolist(), strict=True))
+    assert len(branches) == 4 or size == 0.5  # it slides, stops, breaks away and sticks
+
+
+def test_compiled_law_gives_the_same_positions() -> None:
+    pytest.importorskip("numba")
+    u = np.random.default_rng(0).normal(0.0, 12.0, (300, 2))
+    plain = slide_positions(np.zeros(4), u, FRICTIONS)
+    try:
+        assert compile_law()
+        compiled = slide_positions(np.zeros(4), u, FRICTIONS)
+    finally:
+        compile_law(False)
+    np.testing.assert_allclose(compiled, plain, atol=1e-12)
+
+
+def test_no_sample_is_the_start() -> None:
+    found = slide_positions(np.array([0.1, 0.2, 1.0, 0.0]), np.zeros((0, 2)), FRICTIONS)
+    np.testing.assert_array_equal(found, np.tile([0.1, 0.2], (5, 1, 1)))
