@@ -227,7 +227,7 @@ class Planner:
             if tolerance is None
             else friction_range(motion, command, job.friction, tolerance, manifest.trained_on),
             beyond(asked_for(job.command, job.friction, job.start), manifest.trained_on),
-            remarks=job.command.remarks,
+            remarks=(*job.command.remarks, *job.command.notes),
         )
         return Plan.of(motion, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)
 
