@@ -69,4 +69,4 @@ def test_every_link_leads_somewhere(path: Path) -> None:
 
 
 def test_moving_picture_is_small() -> None:
-    assert (ROOT / "docs" / "pictures" / "plan.gif").stat().st_size < 1_500_000
+    assert (ROOT / "docs" / "pictures" / "plan.webp").stat().st_size < 1_500_000
