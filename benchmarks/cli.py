@@ -21,7 +21,7 @@ from benchmarks.harness.tables import machine_table, print_tables
 from benchmarks.harness.targets import Verdict, judge
 from benchmarks.sections import accuracy, arm, control, long, peers, refine, server, speed, training
 from runtime.cli.console import DONE_BUT_MISSED, AsJson, print_json, run, say
-from runtime.documents.files import check_writable, write_whole
+from runtime.documents.writing import check_writable, write_whole
 from runtime.errors import InputError, MissingExtraError
 
 FORMAT = "slide-bench/2"

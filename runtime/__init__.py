@@ -5,6 +5,7 @@ plan = Planner().plan(position)  # (K, 2) metres at 1 kHz
 plan.save("plan.json")
 """
 
+import runtime.interrupt  # noqa: F401 (before all that takes time to import)
 from runtime.command import Command
 from runtime.commands.reading import Reading
 from runtime.errors import (

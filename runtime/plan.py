@@ -18,7 +18,8 @@ from typing import Any, Self
 import numpy as np
 
 from runtime.documents.checks import FloatArray, check_format, fields, number, table, text
-from runtime.documents.files import parse_json, parse_npz, read_bytes, read_text, reading, write_whole
+from runtime.documents.files import parse_json, parse_npz, read_bytes, read_text, reading
+from runtime.documents.writing import write_whole
 from runtime.errors import InputError, OutputError
 from runtime.friction import Friction
 from runtime.physics.law import DT, rollout

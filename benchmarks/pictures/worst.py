@@ -16,7 +16,7 @@ from benchmarks.suite.outcome import PlanFunction, measured_states, network
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM, AsJson, print_json, run, say
 from runtime.documents.checks import FloatArray
-from runtime.documents.files import check_writable
+from runtime.documents.writing import check_writable
 from runtime.errors import OutputError, extra
 from runtime.physics.law import DT
 from runtime.planner import Planner

@@ -19,7 +19,8 @@ from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, ex
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera, check_ffmpeg, check_film, filming
 from runtime.client import RemoteStream
-from runtime.documents.files import check_writable, reading
+from runtime.documents.files import reading
+from runtime.documents.writing import check_writable
 from runtime.errors import InputError
 from runtime.physics.law import DT
 from runtime.plan import Plan

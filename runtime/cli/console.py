@@ -5,14 +5,18 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+import io
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import typer
 
 from runtime.errors import SlideError
+from runtime.interrupt import INTERRUPTED, raising
 from runtime.version import __version__
 
 MM = 1e3
@@ -20,7 +24,9 @@ MM = 1e3
 
 DONE_BUT_MISSED = 1
 BAD_INPUT = 2
-INTERRUPTED = 130
+NOBODY_READS = 141
+"""Exit code where standard output was closed by its reader: 128 and the number of SIGPIPE, as shells give it."""
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the table.")]
 
 
@@ -39,18 +45,16 @@ def run(name: str, command: Callable[..., None]) -> None:
     def guarded(**given: Any) -> None:
         del given["version"]
         try:
-            for group, kind in groups.items():
-                given[group] = kind(
-                    **{field.name: _value(field, given.pop(field.name)) for field in dataclasses.fields(kind)}
-                )
-            command(**given)
-            sys.stdout.flush()  # a closed pipe shows here, and not in a traceback at the interpreter's end
-        except SlideError as error:
-            say(name, f"error: {error}")
-            raise typer.Exit(BAD_INPUT) from None
-        except BrokenPipeError:  # whoever read our output has seen enough; typer ends it quietly
-            raise
-        except OSError as error:
+            with raising():
+                for group, kind in groups.items():
+                    given[group] = kind(
+                        **{field.name: _value(field, given.pop(field.name)) for field in dataclasses.fields(kind)}
+                    )
+                command(**given)
+                sys.stdout.flush()  # what cannot be written shows here, and not in a traceback at the end
+        except BrokenPipeError:  # whoever read our output has seen enough
+            raise typer.Exit(NOBODY_READS) from None
+        except (SlideError, OSError) as error:
             say(name, f"error: {error}")
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
@@ -60,7 +64,29 @@ def run(name: str, command: Callable[..., None]) -> None:
     guarded.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     app.command(name)(guarded)
-    app(prog_name=name)
+    _ready_streams()
+    try:
+        app(prog_name=name)
+    finally:
+        _drop_unwritten()
+
+
+def _ready_streams() -> None:
+    """Let standard output and error take any text, escaping what they cannot show; what is closed takes it nowhere."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 (as long as the process)
+        elif mode == "w" and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_unwritten() -> None:
+    """Let go of what standard output does not take, of which the exit code and a line have told."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parameters(command: Callable[..., None]) -> tuple[dict[str, type[Any]], list[inspect.Parameter]]:
@@ -111,8 +137,9 @@ def _show_version(asked: bool) -> None:
 
 
 def say(name: str, message: str) -> None:
-    """Print one line on standard error, preceded by the program's name."""
-    print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
+    """Print one line on standard error, preceded by the program's name; if that is closed, there is nobody to tell."""
+    with suppress(OSError):
+        print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
 
 
 def print_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> None:

@@ -22,7 +22,7 @@ from runtime.cli.options import Kinetic, SizeOptions, Static, chosen_friction, c
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
 from runtime.commands.reading import Reading
-from runtime.documents.files import check_writable
+from runtime.documents.writing import check_writable
 from runtime.errors import InputError, OutputError, SlideError
 from runtime.physics.law import DT
 from runtime.plan import Plan, check_suffix

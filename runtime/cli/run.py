@@ -11,7 +11,7 @@ import typer
 from runtime.arm.options import ArmOptions
 from runtime.cli.console import INTERRUPTED, MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import Kinetic, Static, chosen_friction, conclude, reach_of_limit
-from runtime.documents.files import check_writable
+from runtime.documents.writing import check_writable
 from runtime.errors import InputError
 from runtime.plan import Plan, tracking_error
 from runtime.report.report import Track, write_report

@@ -1,4 +1,4 @@
-"""Strict reading and whole-or-nothing writing of the project's files: JSON and npz documents of numbers.
+"""Strict reading of the project's files: JSON and npz documents of numbers.
 
 What is read was written by somebody else, so nothing is guessed: a key that is missing or unknown, a number that
 is a string or a boolean, NaN and Infinity, a ragged table are refused with a message that names the place.
@@ -8,19 +8,17 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import reprlib
-import secrets
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.errors import FormatError, InputError, OutputError
+from runtime.errors import FormatError, InputError
 
 MAX_FILE_BYTES = 1 << 28
 """Largest file read (bytes): a plan of ten minutes takes 160 MB as JSON; more is not a file of ours."""
@@ -121,37 +119,3 @@ def parse_npz(data: bytes) -> dict[str, NDArray[Any]]:
         raise
     except Exception as error:  # a broken archive makes zipfile, zlib and numpy raise nearly anything
         raise InputError(f"not a readable npz file: {error}") from error
-
-
-def check_writable(path: Path) -> None:
-    """Check before the work is done that its result can be written.
-
-    Raises:
-        OutputError: the folder is absent, no folder, or not writable, or the path is itself a folder.
-    """
-    if path.is_dir():
-        raise OutputError(f"{path}: cannot be written: is a directory")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: cannot be written: there is no folder {path.parent}")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise OutputError(f"{path}: cannot be written: no permission to write in {path.parent}")
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that it appears whole or not at all, replacing an older one.
-
-    Raises:
-        OutputError: it cannot be written; what was there before is untouched and nothing is left beside it.
-    """
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        with temporary.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from error
-    finally:
-        with suppress(OSError, ValueError):
-            temporary.unlink(missing_ok=True)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.documents.checks import FloatArray, table, text
-from runtime.documents.files import write_whole
+from runtime.documents.writing import write_whole
 from runtime.errors import InputError
 from runtime.plan import Plan
 
