@@ -5,7 +5,7 @@ plan = Planner().plan(position)  # (K, 2) metres at 1 kHz
 plan.save("plan.json")
 """
 
-import runtime.interrupt  # noqa: F401 (before all that takes time to import)
+import runtime.interrupt  # noqa: F401 (Ctrl-C is answered by it, also while the rest is imported)
 from runtime.command import Command
 from runtime.commands.reading import Reading
 from runtime.errors import (

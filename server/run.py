@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 import logging
+import signal
 import socket
 import time
 from functools import partial
@@ -19,6 +20,7 @@ from pydantic.fields import FieldInfo
 
 from runtime.cli.console import BAD_INPUT
 from runtime.errors import InputError
+from runtime.interrupt import INTERRUPTED
 from server.app import create_app
 from server.http.protocol import GuardedProtocol
 from server.settings import SECRETS, Settings, variable
@@ -52,6 +54,8 @@ def slide_serve(**given: Any) -> None:
     server.run(sockets=[listening])
     if app.state.service.failure is not None:
         raise typer.Exit(BAD_INPUT)
+    if server.interrupted:
+        raise typer.Exit(INTERRUPTED)
 
 
 def _option(name: str, field: FieldInfo) -> inspect.Parameter:
@@ -72,7 +76,11 @@ slide_serve.__annotations__ = {option.name: option.annotation for option in OPTI
 
 
 class Server(uvicorn.Server):
-    """A server that finishes what it has begun when it is told to stop, and then ends with 0."""
+    """A server that finishes what it has begun when it is told to stop.
+
+    Attributes:
+        interrupted: whether it was Ctrl-C that told it to.
+    """
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         config = uvicorn.Config(
@@ -92,12 +100,14 @@ class Server(uvicorn.Server):
         self._service = app.state.service
         self._service.on_failure = self._give_up
         self._draining: asyncio.Task[None] | None = None
+        self.interrupted = False
 
     def _give_up(self) -> None:
         self.should_exit = True
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to stop at the first signal; stop at once at the second."""
+        self.interrupted = self.interrupted or sig == signal.SIGINT
         if self._service.stopping:
             self.should_exit = self.force_exit = True
             return

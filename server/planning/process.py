@@ -17,8 +17,14 @@ from typing import Any
 from runtime import BundleError
 from server.planning.messages import BUFFER, LENGTHS, PlannerOptions, frame
 
-PLANNING_COMMAND = (sys.executable, "-P", "-c", "from server.planning.worker import main; main()")
-"""How the planning process is run: -P, so that no file of the folder it is run from is imported by its name."""
+PLANNING_COMMAND = (
+    sys.executable,
+    "-P",
+    "-c",
+    "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); from server.planning.worker import main; main()",
+)
+"""How the planning process is run: -P, so that no file of the folder it is run from is imported by its name; deaf to a
+terminal's Ctrl-C, which is for the server, from its first instruction."""
 
 GRACE = 0.5
 """Longest time until the process has ended by itself, once the server is done with it (s)."""

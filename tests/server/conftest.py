@@ -100,7 +100,13 @@ class Process:
         environment = {**os.environ, **{name: str(value) for name, value in given.items()}}
         self.url = f"http://127.0.0.1:{self.port}"
         self.process = subprocess.Popen(
-            [SLIDE_SERVE, *arguments], env=environment, cwd=cwd, stdout=output, stderr=output, text=True
+            [SLIDE_SERVE, *arguments],
+            env=environment,
+            cwd=cwd,
+            stdout=output,
+            stderr=output,
+            text=True,
+            start_new_session=True,  # as in a terminal, where Ctrl-C is sent to the server with its planning process
         )
 
     def get(self, path: str) -> httpx.Response:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tomllib
@@ -46,12 +47,21 @@ def cook(dish: str, cooking: Cooking = Cooking()) -> None:
     print(dish, cooking)
 
 
+COOK = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from test_console import *; run('cook', cook)"
+
+
 def call(*arguments: str) -> subprocess.CompletedProcess[str]:
-    code = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from test_console import *; run('cook', cook)"
-    )
+    command = [sys.executable, "-c", COOK, *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
+
+
+def call_by_shell(line: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a line of bash in which $COOK is the program, buffered as it is where nobody asks for anything else."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    environment |= {"PYTHON": sys.executable, "CODE": COOK, **variables}
+    line = 'set -o pipefail; cook() { "$PYTHON" -c "$CODE" "$@"; }; ' + line
     return subprocess.run(
-        [sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True, check=False
+        ["bash", "-c", line], cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=60
     )
 
 
@@ -69,3 +79,40 @@ def test_a_dataclass_that_refuses_its_values_is_one_line_and_exit_code_2() -> No
     done = call("egg", "--heat", "11")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "cook: error: heat must be at most 10 kW, got 11\n"
+
+
+ASCII = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+def test_an_ascii_terminal_is_shown_what_it_cannot_show_escaped() -> None:
+    done = call_by_shell("cook 'Rührei' --guest 'Zoë'", **ASCII)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("R")
+    assert done.stdout.isascii()
+    assert call_by_shell("cook --help", **ASCII).returncode == 0
+    refused = call_by_shell("cook 'Rührei' --heat 'ß'", **ASCII)
+    assert refused.returncode == 2
+    assert "Traceback" not in refused.stderr
+
+
+@pytest.mark.parametrize("arguments", ["egg", "--version", "--help"])
+def test_a_reader_that_goes_away_ends_a_program_quietly(arguments: str) -> None:
+    done = call_by_shell(f"sleep 0.1; cook {arguments} | true; echo ${{PIPESTATUS[0]}}")
+    assert done.stderr == ""
+    assert int(done.stdout) in (0, 1, 141)  # 0: it was done before; 1: typer's own, of --help
+
+
+def test_where_the_reader_is_gone_the_exit_code_says_so() -> None:
+    done = call_by_shell("exec 3> >(exec true); sleep 0.3; cook egg >&3; echo $?")
+    assert (done.stdout, done.stderr) == ("141\n", "")
+
+
+@pytest.mark.parametrize("streams", [">&-", "<&- >&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_program_works_with_closed_streams(streams: str) -> None:
+    assert call_by_shell(f"cook egg {streams}").returncode == 0
+    assert call_by_shell(f"cook egg --heat 11 {streams}").returncode == 2
+
+
+def test_standard_output_on_a_full_disk_is_one_line_and_exit_code_2() -> None:
+    done = call_by_shell("cook egg > /dev/full")
+    assert (done.returncode, done.stderr) == (2, "cook: error: [Errno 28] No space left on device\n")

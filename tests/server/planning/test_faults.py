@@ -35,6 +35,14 @@ def post_plan(request: dict[str, Any], path: str = "/plan") -> bytes:
     return head.encode() + body
 
 
+def test_ctrl_c_in_its_terminal_stops_the_server_with_130() -> None:
+    with process() as server:
+        os.killpg(server.process.pid, signal.SIGINT)
+        code, said = server.ended()
+        assert code == 130
+        assert "Traceback" not in said
+
+
 def test_sigterm_with_32_in_flight_finishes_them_and_ends_with_0(make_request: Callable[..., Any]) -> None:
     with process(SLIDE_DEADLINE=60, SLIDE_MAX_WAIT=60) as server, ExitStack() as stack:
         late = stack.enter_context(httpx.Client(base_url=server.url, timeout=60.0, verify=False))
