@@ -38,13 +38,28 @@ def _end(signal_number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def raising() -> Iterator[None]:
-    """Let Ctrl-C raise KeyboardInterrupt inside, where there may be something to put in order."""
+    """Let Ctrl-C raise KeyboardInterrupt inside, where there may be something to put in order.
+
+    It is a KeyboardInterrupt that leaves, whatever the code in between makes of it: a library that is just being loaded
+    makes it an ImportError.
+    """
     if signal.getsignal(signal.SIGINT) is not _end:
         yield
         return
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupted = False
+
+    def interrupt(signal_number: int, frame: FrameType | None) -> None:
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
     try:
         yield
+    except Exception:
+        if interrupted:
+            raise KeyboardInterrupt from None
+        raise
     finally:
         signal.signal(signal.SIGINT, _end)
 

@@ -9,10 +9,11 @@ import numpy as np
 import typer
 
 from runtime.arm.options import ArmOptions
-from runtime.cli.console import INTERRUPTED, MM, AsJson, print_json, print_table, run, say
+from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import Kinetic, Static, chosen_friction, conclude, reach_of_limit
 from runtime.documents.writing import check_writable
 from runtime.errors import InputError
+from runtime.interrupt import INTERRUPTED
 from runtime.plan import Plan, tracking_error
 from runtime.report.report import Track, write_report
 
