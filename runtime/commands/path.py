@@ -60,7 +60,8 @@ def run_along(
         raise InputError(f"acceleration must be greater than 0 m/s^2, got {pull:g} m/s^2")
     length = _length(path)
     if length / top > MAX_DURATION:
-        raise InputError(f"the path takes {length / top:.4g} s at {top:g} m/s, at most {MAX_DURATION:g} s are allowed")
+        message = f"the path takes {length / top:.4g} s at {top:g} m/s, at most {MAX_DURATION:g} s are allowed"
+        raise InputError(message, "speed")
     if not SHORTEST <= length <= LONGEST:
         allowed = f"{SHORTEST:g} to {LONGEST:g} m are allowed"
         raise InputError(f"the path is {length:.4g} m long, {allowed} (is it in metres?)", "position")
@@ -109,9 +110,16 @@ def _speeds(points: FloatArray, top: float, pull: float) -> FloatArray:
 
 
 def _timed(points: FloatArray, speeds: FloatArray) -> FloatArray:
-    """Return the positions at every millisecond, running along evenly spaced points at these speeds (m/s)."""
+    """Return the positions at every millisecond, running along evenly spaced points at these speeds (m/s).
+
+    Raises:
+        InputError: it takes longer than ten minutes.
+    """
     step = _length(points) / (len(points) - 1)
     times = np.insert(np.cumsum(2.0 * step / (speeds[:-1] + speeds[1:])), 0, 0.0)
+    if times[-1] > MAX_DURATION:
+        message = f"the path takes {times[-1]:.4g} s at this acceleration, at most {MAX_DURATION:g} s are allowed"
+        raise InputError(message, "path_acceleration")
     t = np.minimum(np.arange(int(np.ceil(times[-1] / DT)) + 1) * DT, times[-1])
     piece = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     since, pull = t - times[piece], (np.diff(speeds) / np.diff(times))[piece]

@@ -12,8 +12,11 @@ from runtime.errors import InputError
 
 ORIGINS = ("pan", "first")
 
-MAX_SMOOTH = 200.0
-"""Widest smoothing (ms): what is slower than this is no noise."""
+SMOOTH = (0.1, 200.0)
+"""Narrowest and widest smoothing (ms): a narrower one changes nothing, and what is slower is no noise."""
+
+USABLE = (1e-12, 1e12)
+"""Range of the other numbers, in their own units: what is beyond is a slip of the unit, its square maybe no number."""
 
 
 def _option(help: str, metavar: str, **more: object) -> Any:
@@ -59,10 +62,13 @@ class Reading:
     def __post_init__(self) -> None:
         for name, unit in POSITIVE.items():
             value = getattr(self, name)
-            if value is not None and number(value, name) <= 0.0:
+            if value is None:
+                continue
+            if number(value, name) <= 0.0:
                 raise InputError(f"{name} must be greater than 0{unit}, got {value:g}", name)
-        if self.smooth is not None and self.smooth > MAX_SMOOTH:
-            raise InputError(f"smooth must be at most {MAX_SMOOTH:g} ms, got {self.smooth:g} ms", "smooth")
+            low, high = SMOOTH if name == "smooth" else USABLE
+            if not low <= value <= high:
+                raise InputError(f"{name} must be between {low:g} and {high:g}{unit}, got {value:g}{unit}", name)
         if self.rate is not None and self.speed is not None:
             raise InputError("give rate or speed, not both: speed is for paths without times")
         if self.scale is not None and self.size is not None:

@@ -189,7 +189,7 @@ def test_a_counter_or_a_clock_in_the_place_of_seconds_is_asked_about() -> None:
     [
         ({"rate": 0.0}, "rate must be greater than 0 Hz, got 0"),
         ({"scale": float("nan")}, "scale: nan is not a finite number"),
-        ({"smooth": 1000.0}, "smooth must be at most 200 ms"),
+        ({"smooth": 1000.0}, "smooth must be between 0.1 and 200 ms, got 1000 ms"),
         ({"rate": 100.0, "speed": 0.3}, "give rate or speed, not both"),
         ({"scale": 0.1, "size": 0.1}, "give scale or size, not both"),
         ({"path_acceleration": 1.0}, "path_acceleration goes with speed"),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime import Command, InputError, Planner, Status
+from runtime import Command, InputError, Planner, Reading, Status
 
 corners = st.lists(st.tuples(st.floats(-0.06, 0.06), st.floats(-0.06, 0.06)), min_size=2, max_size=8)
 
@@ -65,3 +65,18 @@ def test_a_path_can_be_followed() -> None:
 def test_a_path_that_cannot_be_run_is_refused(points: Any, options: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Command.from_path(points, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"speed": 1.0, "path_acceleration": 1e-7}, "the path takes .* s at this acceleration, at most 600 s"),
+        ({"speed": 1e300}, "speed must be between 1e-12 and 1e[+]12 m/s, got 1e[+]300 m/s"),
+        ({"rate": 1e-300}, "rate must be between"),
+        ({"rate": 100.0, "smooth": 1e-9}, "smooth must be between 0.1 and 200 ms"),
+        ({"rate": 100.0, "scale": 1e300}, "scale must be between"),
+    ],
+)
+def test_option_that_would_take_endless_samples_or_overflow_is_refused(options: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Command.from_samples([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], reading=Reading(**options))  # type: ignore[arg-type]

@@ -207,7 +207,7 @@ def test_problem_says_the_place_of_the_fault(server: Any) -> None:
     assert place(command={"dt": 0.01, "scale": 0, "position": [[0, 0], [0, 0]]})[0] == "command.scale"
     assert place(command={"dt": 0.01, "origin": "left", "position": [[0, 0], [0, 0]]})[0].startswith("command.origin")
     assert place(command={"dt": 0.01, "smooth": 999, "position": [[0, 0], [0, 0]]})[0] == "command.smooth"
-    assert place(command={"speed": 1e-9, "position": [[0, 0], [0.1, 0]]})[0] == "command"
+    assert place(command={"speed": 1e-9, "position": [[0, 0], [0.1, 0]]})[0] == "command.speed"
 
 
 def test_live_is_answered_at_once_while_bad_requests_rain(server: Any) -> None:
