@@ -68,7 +68,7 @@ class OffPan(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """What the governor changed: number of samples, and by how much on the mean of these and at most (m/s^2)."""
+    """What the governor changed: number of samples, and by how much on average and at most (m/s^2)."""
 
     samples: int
     mean: float

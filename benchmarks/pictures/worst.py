@@ -161,7 +161,7 @@ def _print(worst: Sequence[Tracked], traits: Sequence[Trait], count: int) -> Non
     print_tables(
         [
             table(f"The {len(worst)} worst of {count} commands", ("command", "RMSE (mm)", "pan reach (mm)"), lines),
-            table("What they share, on the mean", ("", "worst", "all", "correlation with the RMSE"), shared),
+            table("What they share, on average", ("", "worst", "all", "correlation with the RMSE"), shared),
         ]
     )
 

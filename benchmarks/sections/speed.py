@@ -84,7 +84,7 @@ class NetworkSpeed:
     """How fast the network alone is, a command at a time, without the law, the governor and the judging.
 
     Attributes:
-        step: time of a decoder step, on the mean of those of a plan (s).
+        step: average time of a plan's decoder steps (s).
         step_ratio_to_torch: torch eager's over it, median of the ratios round by round.
         ratio_to_torch: the same of all of the network's work for a plan, the encoder included.
     """

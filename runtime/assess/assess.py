@@ -188,6 +188,6 @@ def _changed(changes: Changes, samples: int) -> list[str]:
         return []
     many = "1 sample" if changes.samples == 1 else f"{changes.samples} samples"
     return [
-        f"the governor changed {many} ({changes.samples / samples:.1%}), by {changes.mean:.3g} m/s^2 on the mean, "
+        f"the governor changed {many} ({changes.samples / samples:.1%}), by {changes.mean:.3g} m/s^2 on average, "
         f"{changes.largest:.3g} at most"
     ]

@@ -266,7 +266,7 @@ class Trainer:
         self.optimizer.load_state_dict(checkpoint["optimizer"])
         self.epoch, self.skipped = checkpoint["epoch"], checkpoint["skipped"]
         self.recent_skips = checkpoint["recent_skips"]
-        self.began_with = checkpoint.get("began_with")  # absent from checkpoints of before it was written
+        self.began_with = checkpoint.get("began_with")  # older checkpoints lack it
 
 
 def loss_weights(config: TrainConfig, task: Task) -> Weights:
