@@ -101,7 +101,7 @@ def test_what_the_governor_changed_is_counted_whatever_the_limit() -> None:
     for limits in (Limits(), Limits(0.2, 1e9, 1e9)):
         quality = judge(limits, asked)
         assert quality.governed == Changes(1, pytest.approx(0.01), pytest.approx(0.01))
-        assert quality.notes == ("the governor changed 1 sample (33.3%), by 0.01 m/s^2 on the mean, 0.01 at most",)
+        assert quality.notes == ("the governor changed 1 sample (33.3%), by 0.01 m/s^2 on average, 0.01 at most",)
 
 
 def test_a_plan_is_governed_up_to_the_share_and_limited_beyond() -> None:
