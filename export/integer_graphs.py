@@ -102,7 +102,7 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
             (w * size, names[:3], series),
             (r, names[3:], []),
         ):
-            value, step = _integers(_two_more_units(np.pad(matrix.T, ((0, 2), (0, 0)))), smooth)
+            value, step = to_integers(_two_more_units(np.pad(matrix.T, ((0, 2), (0, 0)))), smooth)
             graph.constant(integers, value[None])
             graph.constant(scales, step[None])
             graph.constant(zeros, np.zeros((1, len(step)), dtype=np.int8))
@@ -207,7 +207,7 @@ def _quantize(graph: GraphBuilder, x: str) -> str:
 
 def _linear(graph: GraphBuilder, name: str, x: str, weight: FloatArray, bias: FloatArray) -> str:
     """Add weight x + bias (outputs, inputs) of activations in integers."""
-    integers, scale = _integers(weight.T)
+    integers, scale = to_integers(weight.T)
     total = graph.node("MatMulInteger", [x, graph.constant(f"{name}.weight", integers), "middle"], f"{name}_total")
     total = graph.node("Cast", [total], f"{name}_float", to=TensorProto.FLOAT)
     scaled = graph.node("Mul", [total, graph.constant(f"{name}.scale", scale / np.float32(STEPS))], f"{name}_scaled")
@@ -222,7 +222,7 @@ def _precise_linear(
     Args:
         graph, name, x: what it is added to, its name and that of the values.
         weight: (outputs, inputs).
-        series: see `_integers`.
+        series: see `to_integers`.
         digits: of the weights; the second ones are what the first have left.
     """
     high = _quantize(graph, x)
@@ -231,7 +231,7 @@ def _precise_linear(
     rows = graph.node("Concat", [high, low], f"{x}_digits", axis=0)
     left, terms = weight.T, []
     for digit in range(digits):
-        integers, scale = _integers(left, series)
+        integers, scale = to_integers(left, series)
         left = left - integers * scale
         product = f"{name}_{digit}"
         total = graph.node("MatMulInteger", [rows, graph.constant(f"{product}.weight", integers), "middle"], product)
@@ -245,7 +245,7 @@ def _precise_linear(
     return terms[0]
 
 
-def _integers(weight: FloatArray, series: Series = ()) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+def to_integers(weight: FloatArray, series: Series = ()) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
     """Return weights (inputs, outputs) in integers, and what one is worth in each output.
 
     Where the inputs are time series, what rounding takes from a weight is given to the next sample's.

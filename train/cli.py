@@ -210,7 +210,7 @@ def slide_eval(
     with extra("train"):
         from train.commands.families import FAMILIES
         from train.evaluation.evaluate import evaluate, load_subject
-    subjects = [load_subject(path, name) for name, path in map(_named, sources)]
+    subjects = [load_subject(path, name) for name, path in map(name_and_path, sources)]
     names = [subject.name for subject in subjects]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -234,7 +234,7 @@ def slide_eval(
             _print_arm_rows(name, arm_tables[name])
 
 
-def _named(source: str) -> tuple[str, Path]:
+def name_and_path(source: str) -> tuple[str, Path]:
     """Take NAME=PATH apart; a path alone may hold the sign in its folders."""
     name, sign, path = source.partition("=")
     return (name, bundle_path(path)) if sign and "/" not in name else ("", bundle_path(source))

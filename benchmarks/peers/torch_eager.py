@@ -11,20 +11,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-import onnx
 import torch
-from numpy.typing import NDArray
-from onnx import numpy_helper
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional as F
 
 from runtime.network.bundle import Bundle, Float32Array, bundle_path
 from runtime.network.manifest import DECODER_STEP, ENCODER, Manifest
 from runtime.planner import DEFAULT_BUNDLE, Planner
 from train.network.model import ACCELERATION_SCALE, DecoderState, Seq2Seq, bound_acceleration, lstm_cell
+from train.network.onnx_weights import weights_of_graphs
 
 
 class EagerPlanner(Planner):
@@ -98,12 +94,11 @@ def eager_model(folder: Path, bundle: Bundle) -> Seq2Seq:
     manifest = bundle.manifest
     model = untrained_model(manifest)
     if manifest.precision == "fp32":
-        graphs = {name: _initializers(folder / graph.file) for name, graph in manifest.graphs.items()}
+        weights = weights_of_graphs(folder, manifest.graphs)
         with torch.no_grad():
-            _load_lstm(model.encoder_lstm, graphs[ENCODER])
-            _load_lstm(model.decoder_lstm, graphs[DECODER_STEP])
-            _load_linear(model.feedforward, "feedforward", graphs[DECODER_STEP])
-            _load_linear(model.output, "output", graphs[DECODER_STEP])
+            for name, tensor in model.state_dict().items():
+                # The graph has no rows for the covariances: these are never used.
+                tensor[: len(weights[name])] = weights[name]
     return model
 
 
@@ -118,28 +113,3 @@ def untrained_model(manifest: Manifest) -> Seq2Seq:
             manifest.command_ahead,
             manifest.acceleration_bound,
         ).eval()
-
-
-def _initializers(path: Path) -> dict[str, NDArray[Any]]:
-    return {weight.name: numpy_helper.to_array(weight) for weight in onnx.load(path).graph.initializer}
-
-
-def _load_lstm(module: nn.LSTM, weights: Mapping[str, NDArray[Any]]) -> None:
-    for layer, (w_ih, w_hh, b_ih, b_hh) in enumerate(module.all_weights):
-        w_ih.copy_(_torch_gates(weights[f"lstm{layer}.W"][0]))
-        w_hh.copy_(_torch_gates(weights[f"lstm{layer}.R"][0]))
-        for target, half in zip((b_ih, b_hh), np.split(weights[f"lstm{layer}.B"][0], 2), strict=True):
-            target.copy_(_torch_gates(half))
-
-
-def _load_linear(module: nn.Linear, name: str, weights: Mapping[str, NDArray[Any]]) -> None:
-    """Load the rows that the graph has; the covariances' rows, which it does not have, are never used."""
-    weight, bias = (torch.from_numpy(weights[f"{name}.{part}"].copy()) for part in ("weight", "bias"))
-    module.weight[: len(weight)] = weight
-    module.bias[: len(bias)] = bias
-
-
-def _torch_gates(weight: NDArray[Any]) -> Tensor:
-    """Reorder the gates along the first axis: ONNX has them as i, o, f, c, torch as i, f, g, o (its g is ONNX's c)."""
-    i, o, f, c = np.split(weight, 4)
-    return torch.from_numpy(np.concatenate([i, f, c, o]))

@@ -19,7 +19,7 @@ from benchmarks.harness.targets import COUNT, MILLIMETRES, TIMES, Target, Unit, 
 from benchmarks.suite.families import minimum_jerk, spline
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
 from runtime.arm.motion import plan_of_motion
-from runtime.arm.results import Results, judge
+from runtime.arm.results import Results
 from runtime.arm.run import closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera
@@ -239,7 +239,7 @@ def run_plan(plan: Plan, settings: Simulated, planner: Planner | None = None) ->
     if planner is not None:
         source = closed_loop(planner.stream(plan.command_position), planner.bundle.manifest.chunk)
     recording = execute(plan, SimulatedArm(settings), source)
-    return judge(plan, recording, settings.friction)
+    return Results.of(plan, recording, settings.friction)
 
 
 def pan_tracking(motions: Sequence[Plan]) -> PanTracking:

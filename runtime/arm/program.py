@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
-from runtime.arm.disturbance import Disturbance
+from runtime.arm.events import Event
 from runtime.arm.interface import Measured
 from runtime.arm.options import ArmOptions
-from runtime.arm.results import Results, judge, measured_track
+from runtime.arm.results import Results, measured_track
 from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera, check_ffmpeg, check_film, filming
@@ -63,18 +63,18 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None) -> Out
         OutputError: a result cannot be written.
     """
     _check_outputs(options, report)
-    disturbances = [Disturbance.parse(text) for text in options.disturb]
+    events = [Event.parse(text) for text in options.disturb]
     arm = SimulatedArm(_simulated(options))
     plan = Plan.load(plan_file)
     with reading(str(plan_file)):
         check_plan(plan)
-    hooks = [disturbance.hook(arm) for disturbance in disturbances]
+    hooks = [event.hook(arm) for event in events]
     with ExitStack() as stack:
         source, remarks = _source(plan, options, stack)
         recording = _execute(plan, arm, source, hooks, options)
 
-    friction = None if disturbances else arm.settings.friction
-    results = judge(plan, recording, friction) if len(recording) else None
+    friction = None if events else arm.settings.friction
+    results = Results.of(plan, recording, friction) if len(recording) else None
     if report is not None and len(recording):
         shown, track = measured_track(plan, recording, f"arm, {_loop(options)}")
         write_report(report, shown, [track])

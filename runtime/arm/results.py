@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -68,6 +68,39 @@ class Results:
     limits: Mapping[str, int]
     real_time_factor: float
 
+    @classmethod
+    def of(cls, plan: Plan, recording: Recording, friction: float | None) -> Self:
+        """Work out a run's figures.
+
+        Args:
+            plan: what was executed.
+            recording: what was measured; at least one sample.
+            friction: coefficient in the simulator, static and kinetic alike; None if it changed or something pushed.
+        """
+        samples = min(len(plan), len(recording))
+        pan, sliding = recording.pan[:samples], recording.sliding[:samples]
+        pan_rms, pan_max = tracking_error(pan[:, :2], recording.pan_command[:samples, :2])
+        object_rms, object_max = tracking_error(sliding[:, :2], plan.command_position[:samples])
+        measured = recording.measured
+        lost = next((k for k, each in enumerate(measured) if each.status is not ObjectStatus.ON_PAN), None)
+        return cls(
+            samples=samples,
+            pan_rms=pan_rms,
+            pan_max=pan_max,
+            height_max=max(abs(each.height) for each in measured[:samples]),
+            tilt_max=max(each.tilt for each in measured[:samples]),
+            object_rms=object_rms,
+            object_max=object_max,
+            plan_rms=tracking_error(sliding[:, :2], plan.object_position[:samples])[0],
+            law_rms=None if friction is None else _law_rms(pan, sliding, friction),
+            lost=None if lost is None else measured[lost].status,
+            lost_at=None if lost is None else lost * DT,
+            torque_peaks=_peaks([each.torque for each in measured]),
+            speed_peaks=_peaks([each.joint_velocity for each in measured]),
+            limits=dict(Counter(name for each in measured for name in each.limits)),
+            real_time_factor=len(recording) * DT / recording.duration,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as a JSON document, SI units throughout."""
         return {**asdict(self), "lost": None if self.lost is None else self.lost.value, "limits": dict(self.limits)}
@@ -98,39 +131,6 @@ class Results:
             ("peak joint speeds", f"{', '.join(f'{peak:.1f}' for peak in self.speed_peaks)} rad/s"),
             ("real-time factor", f"{self.real_time_factor:.2f}"),
         ]
-
-
-def judge(plan: Plan, recording: Recording, friction: float | None) -> Results:
-    """Work out a run's figures.
-
-    Args:
-        plan: what was executed.
-        recording: what was measured; at least one sample.
-        friction: coefficient in the simulator, static and kinetic alike; None if it changed or something pushed.
-    """
-    samples = min(len(plan), len(recording))
-    pan, sliding = recording.pan[:samples], recording.sliding[:samples]
-    pan_rms, pan_max = tracking_error(pan[:, :2], recording.pan_command[:samples, :2])
-    object_rms, object_max = tracking_error(sliding[:, :2], plan.command_position[:samples])
-    measured = recording.measured
-    lost = next((k for k, each in enumerate(measured) if each.status is not ObjectStatus.ON_PAN), None)
-    return Results(
-        samples=samples,
-        pan_rms=pan_rms,
-        pan_max=pan_max,
-        height_max=max(abs(each.height) for each in measured[:samples]),
-        tilt_max=max(each.tilt for each in measured[:samples]),
-        object_rms=object_rms,
-        object_max=object_max,
-        plan_rms=tracking_error(sliding[:, :2], plan.object_position[:samples])[0],
-        law_rms=None if friction is None else _law_rms(pan, sliding, friction),
-        lost=None if lost is None else measured[lost].status,
-        lost_at=None if lost is None else lost * DT,
-        torque_peaks=_peaks([each.torque for each in measured]),
-        speed_peaks=_peaks([each.joint_velocity for each in measured]),
-        limits=dict(Counter(name for each in measured for name in each.limits)),
-        real_time_factor=len(recording) * DT / recording.duration,
-    )
 
 
 def _law_rms(pan: FloatArray, sliding: FloatArray, friction: float) -> float:

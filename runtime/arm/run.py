@@ -38,7 +38,7 @@ Source = Callable[[int, Sequence[Measured]], FloatArray]
 """Gives the pan acceleration (2,) (m/s^2) from t_k to t_(k+1), given k and what was measured at t_0..t_k."""
 
 Hook = Callable[[int, Measured], None]
-"""Called before each sample with k and what was measured at t_k: a disturbance, a camera, a clock."""
+"""Called before each sample with k and what was measured at t_k: an event, a camera, a clock."""
 
 
 @dataclass(frozen=True, eq=False)

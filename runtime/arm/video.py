@@ -179,12 +179,12 @@ def check_film(path: Path) -> None:
 
 
 @contextmanager
-def filming(path: Path, take: Callable[[int], Image]) -> Iterator[Hook]:
+def filming(path: Path, picture: Callable[[int], Image]) -> Iterator[Hook]:
     """Give a hook that films; the film is finished when the block is left, however it is left.
 
     Args:
         path: the .mp4 file, replaced if it exists.
-        take: gives the picture at t_k.
+        picture: gives what is seen at t_k.
 
     Raises:
         MissingExtraError: there is no ffmpeg.
@@ -198,7 +198,7 @@ def filming(path: Path, take: Callable[[int], Image]) -> Iterator[Hook]:
 
     def hook(k: int, measured: Measured) -> None:
         if k % every == 0:
-            writer.send(np.ascontiguousarray(take(k)))
+            writer.send(np.ascontiguousarray(picture(k)))
 
     try:
         yield hook

@@ -9,11 +9,14 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from runtime import Friction, Limits, Plan, ServerError, Start
 from runtime.client.request import command_document, options_document
 from runtime.client.stream import RemoteStream, problem_text
 from runtime.documents.files import parse_json
-from runtime.errors import InputError, extra
+from runtime.errors import InputError, ServerError, extra
+from runtime.friction import Friction
+from runtime.limits import Limits
+from runtime.plan import Plan
+from runtime.start import Start
 
 
 class Client(AbstractContextManager["Client"]):

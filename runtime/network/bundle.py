@@ -34,7 +34,7 @@ from runtime.network.manifest import (
     ENCODER,
     MANIFEST_FILE,
     Manifest,
-    _judging,
+    bundle_errors,
 )
 from runtime.network.onnx_check import check_graph
 
@@ -53,8 +53,8 @@ def bundle_path(path: str | PathLike[str]) -> Path:
     return SHIPPED / path if named else path
 
 
-class DecoderState(NamedTuple):
-    """What the decoder carries from chunk to chunk: hidden and cell, each (layers, B, units) float32."""
+class LstmState(NamedTuple):
+    """State of an LSTM between two chunks: hidden and cell, each (layers, B, units) float32."""
 
     hidden: Float32Array
     cell: Float32Array
@@ -91,7 +91,7 @@ class Bundle:
         """
         path = bundle_path(path)
         source = str(path / MANIFEST_FILE)
-        with _judging(source):
+        with bundle_errors(source):
             data = _read(path / MANIFEST_FILE)
             loaded = hashlib.sha256(data).hexdigest()
             if sha256 is not None and loaded != sha256:
@@ -100,12 +100,12 @@ class Bundle:
         sizes, sessions = {}, {}
         for name, graph in manifest.graphs.items():
             source = str(path / graph.file)
-            with _judging(source):
+            with bundle_errors(source):
                 model = _read(path / graph.file)
             found = hashlib.sha256(model).hexdigest()
             if found != graph.sha256:
                 raise BundleError(f"{source}: sha256 is {found}, the manifest says {graph.sha256}")
-            with _judging(source):
+            with bundle_errors(source):
                 check_graph(model)
             sizes[name] = len(model)
             sessions[name] = _session(model, source)
@@ -114,15 +114,15 @@ class Bundle:
         bundle._try_out(str(path))
         return bundle
 
-    def encode(self, command: Float32Array) -> DecoderState:
+    def encode(self, command: Float32Array) -> LstmState:
         """Read commands, (B, chunks, 4C); the decoder starts from the state it leaves."""
-        return DecoderState(*self.sessions[ENCODER].run(ENCODER_OUTPUTS, {"command": command}))
+        return LstmState(*self.sessions[ENCODER].run(ENCODER_OUTPUTS, {"command": command}))
 
-    def decode_step(self, observation: Float32Array, state: DecoderState) -> tuple[Float32Array, DecoderState]:
+    def decode_step(self, observation: Float32Array, state: LstmState) -> tuple[Float32Array, LstmState]:
         """Produce the next C pan accelerations (B, C, 2) (m/s^2) from the observation, (B, 8C + 4C command_ahead)."""
         inputs = {"observation": observation, "hidden": state.hidden, "cell": state.cell}
         acceleration, hidden, cell = self.sessions[DECODER_STEP].run(DECODER_STEP_OUTPUTS, inputs)
-        return acceleration, DecoderState(hidden, cell)
+        return acceleration, LstmState(hidden, cell)
 
     def _try_out(self, source: str) -> None:
         """Run both graphs once with two commands of three chunks and look at the shapes that come out.

@@ -48,7 +48,7 @@ DEFAULT_SIZES = Sizes()
 
 
 @contextmanager
-def _judging(source: str) -> Iterator[None]:
+def bundle_errors(source: str) -> Iterator[None]:
     """Turn an InputError raised inside into a BundleError that names its source."""
     try:
         yield
@@ -138,7 +138,7 @@ class Manifest:
         Raises:
             BundleError: another format version, a key missing or unknown, or a value that is not what it must be.
         """
-        with _judging(source):
+        with bundle_errors(source):
             check_format(document, BUNDLE_FORMAT)
             optional = ("limits", "sizes")
             needed = [name for name in cls.__dataclass_fields__ if name not in optional]

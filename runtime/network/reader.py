@@ -10,7 +10,7 @@ import numpy as np
 from runtime.command import Command
 from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError
-from runtime.network.bundle import Bundle, DecoderState, Float32Array
+from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.network.manifest import Manifest
 
 
@@ -60,7 +60,7 @@ class Reader(NamedTuple):
     n: int
     ahead: Float32Array
     origin: FloatArray
-    memory: DecoderState
+    memory: LstmState
 
     @classmethod
     def at(cls, bundle: Bundle, commands: Sequence[Command], first: int = 0, window: Window | None = None) -> Self:

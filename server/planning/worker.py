@@ -23,7 +23,7 @@ import numpy as np
 import orjson
 
 from runtime import BundleError, InputError, MissingExtraError, Plan, Planner, SlideError, Status
-from runtime.network.bundle import Bundle, DecoderState, Float32Array
+from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.physics.law import compile_law
 from server.planning.messages import LENGTHS, PlanFailure, PlanJob, PlannerOptions, PlanReply, frame
 
@@ -43,7 +43,7 @@ class TimedBundle(Bundle):
 
     spent: list[float] = field(default_factory=lambda: [0.0])
 
-    def encode(self, command: Float32Array) -> DecoderState:
+    def encode(self, command: Float32Array) -> LstmState:
         """Read commands, as every bundle does."""
         begin = time.perf_counter()
         try:

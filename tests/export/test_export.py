@@ -13,7 +13,7 @@ import torch
 from export import write_bundle as bundle_module
 from export.cli import export_main
 from export.float_graphs import decoder_step_graph, encoder_graph
-from export.integer_graphs import _integers
+from export.integer_graphs import to_integers
 from export.quantize import QuantizationError, quantize_bundle
 from export.verify import VerificationError, compare
 from export.write_bundle import export_bundle, training_command
@@ -174,7 +174,7 @@ def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_pat
     assert 0.0 < np.abs(difference).max() < 0.1 * np.abs(asked[0]).max()
 
 
-def test_shipped_integers_shake_the_pan_no_more_than_the_floats_they_were_made_of():
+def test_shippedto_integers_shake_the_pan_no_more_than_the_floats_they_were_made_of():
     """Rounding is another for each sample: with one digit in the last layer |du| grows by an eighth."""
     positions = list(commands_of("spline_acceleration", 12))
     changes = []
@@ -189,13 +189,13 @@ def test_shipped_integers_shake_the_pan_no_more_than_the_floats_they_were_made_o
 def test_rounding_of_weights_does_not_show_where_a_time_series_is_smooth():
     """A channel that stays where it is: at most half a step of one weight is left of its hundred rounding errors."""
     weight = np.random.default_rng(0).normal(size=(3 * 100 + 5, 7))
-    values, step = _integers(weight, [(3, 100), (4, 0)])  # as of a decoder that sees no command ahead
+    values, step = to_integers(weight, [(3, 100), (4, 0)])  # as of a decoder that sees no command ahead
     assert np.abs(values).max() <= 63
     error = values * step.astype(np.float64) - weight
     held = error[:300].reshape(100, 3, 7).sum(axis=0)
     assert (np.abs(held) <= 0.5001 * step).all()
     assert (np.abs(error[300:]) <= 0.5001 * step).all()
-    plainly, _ = _integers(weight)
+    plainly, _ = to_integers(weight)
     assert (np.abs((plainly * step - weight)[:300].reshape(100, 3, 7).sum(axis=0)) > 0.5001 * step).any()
 
 

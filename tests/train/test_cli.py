@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from runtime.network.bundle import SHIPPED
-from train.cli import _named
+from train.cli import name_and_path
 
 
 def call(program, *arguments, folder):
@@ -95,9 +95,9 @@ def test_two_models_of_one_name_are_refused(folder):
 
 
 def test_shipped_bundles_go_by_their_names():
-    assert _named("fp32") == ("", SHIPPED / "fp32")
-    assert _named("best=default") == ("best", SHIPPED / "default")
-    assert _named("runs/a=b") == ("", Path("runs/a=b"))
+    assert name_and_path("fp32") == ("", SHIPPED / "fp32")
+    assert name_and_path("best=default") == ("best", SHIPPED / "default")
+    assert name_and_path("runs/a=b") == ("", Path("runs/a=b"))
 
 
 def test_evaluation_of_nothing_is_refused(folder):

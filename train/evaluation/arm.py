@@ -12,7 +12,7 @@ from runtime import Friction
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL, ControlSettings
 from runtime.arm.interface import ObjectStatus
 from runtime.arm.motion import plan_of_motion
-from runtime.arm.results import Results, judge
+from runtime.arm.results import Results
 from runtime.arm.run import closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
 from runtime.arm.video import Camera
@@ -145,4 +145,4 @@ def _execute(subject: Subject, plan: Plan, control: ControlSettings, closed: boo
     if closed:
         source = closed_loop(subject.follow(plan.command_position), subject.chunk)
     arm = SimulatedArm(Simulated(control=control, friction=IN_PYBULLET.kinetic))
-    return judge(plan, execute(plan, arm, source), IN_PYBULLET.kinetic)
+    return Results.of(plan, execute(plan, arm, source), IN_PYBULLET.kinetic)

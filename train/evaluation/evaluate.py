@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from runtime import Friction, Planner
+from runtime.arm.run import Follower
 from runtime.network.manifest import Manifest
 from train.batches.batches import Batch, make_batch
 from train.commands.families import FAMILIES, FloatArray, free_commands
@@ -32,13 +33,6 @@ class Motions(NamedTuple):
     u: FloatArray
     pan_position: FloatArray
     object_position: FloatArray
-
-
-class Follower(Protocol):
-    """Decodes one command from measured states, a chunk at a time; see `runtime.planner.Stream`."""
-
-    def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
-        """Give the accelerations (C, 2) (m/s^2) of the next chunk from the last C states, each (C, 4)."""
 
 
 class Subject(NamedTuple):

@@ -46,17 +46,18 @@ def load_weights(model: Seq2Seq, source: Path) -> dict[str, str]:
         bundle = Bundle.load(source)  # checks hashes and operators before anything here reads the graphs
         if bundle.manifest.precision != "fp32":
             raise InputError(f"cannot begin with {source}: it is {bundle.manifest.precision}; begin with an fp32 one")
-        weights, origin = weights_of_graphs(source), {"name": bundle.manifest.name, "sha256": bundle.sha256}
+        weights = weights_of_graphs(source, bundle.manifest.graphs)
+        origin = {"name": bundle.manifest.name, "sha256": bundle.sha256}
     else:
         config, other = load_model(load_checkpoint(source))
         checkpoint = source / CHECKPOINT if source.is_dir() else source
         weights = other.state_dict()
         origin = {"name": config.name, "sha256": hashlib.sha256(checkpoint.read_bytes()).hexdigest()}
-    _take(model, weights, source)
+    _copy_weights(model, weights, source)
     return origin
 
 
-def _take(model: Seq2Seq, weights: dict[str, Tensor], source: Path) -> None:
+def _copy_weights(model: Seq2Seq, weights: dict[str, Tensor], source: Path) -> None:
     """Copy weights in place; where the network has more units, they come after those of the weights."""
     units = weights["feedforward.weight"].shape[1] if "feedforward.weight" in weights else model.units
     wider = model.units > units

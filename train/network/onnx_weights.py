@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,32 +13,47 @@ from numpy.typing import NDArray
 from onnx import numpy_helper
 from torch import Tensor
 
-from runtime.network.manifest import DECODER_STEP, ENCODER
+from runtime.network.manifest import DECODER_STEP, ENCODER, GraphFile
 
 
 def float32_array(tensor: Tensor) -> NDArray[np.float32]:
     return tensor.detach().cpu().numpy().astype(np.float32)
 
 
+TORCH_GATES, ONNX_GATES = "ifgo", "iofg"
+"""The gates in the order in which an LSTM's weights hold them along their first axis; ONNX writes c for g."""
+
+
 def onnx_gates(weight: Tensor) -> NDArray[np.float32]:
-    """Reorder the gates along the first axis: torch has them as i, f, g, o, ONNX as i, o, f, c (its c is torch's g)."""
-    i, f, g, o = np.split(float32_array(weight), 4)
-    return np.concatenate([i, o, f, g])
+    """Reorder the gates of a weight in torch's layout for ONNX."""
+    return float32_array(_reorder(weight, TORCH_GATES, ONNX_GATES))
+
+
+def torch_gates(weight: Tensor) -> Tensor:
+    """Reorder the gates of a weight in ONNX's layout for torch."""
+    return _reorder(weight, ONNX_GATES, TORCH_GATES)
+
+
+def _reorder(weight: Tensor, given: str, wanted: str) -> Tensor:
+    parts = dict(zip(given, weight.chunk(len(given)), strict=True))
+    return torch.cat([parts[gate] for gate in wanted])
 
 
 PARTS = {"W": ("weight_ih",), "R": ("weight_hh",), "B": ("bias_ih", "bias_hh")}
 """Torch's names for the inputs of ONNX's LSTM."""
 
 
-def weights_of_graphs(folder: Path) -> dict[str, Tensor]:
-    """Return a bundle's weights by torch's names for them, those of them that its graphs have."""
-    decoder = constants_of_graph(folder / f"{DECODER_STEP}.onnx")
+def weights_of_graphs(folder: Path, graphs: Mapping[str, GraphFile]) -> dict[str, Tensor]:
+    """Return a bundle's weights by torch's names for them, those of them that its graphs have.
+
+    Args:
+        folder: of the bundle.
+        graphs: of its manifest.
+    """
+    encoder, decoder = (_constants(folder / graphs[name].file) for name in (ENCODER, DECODER_STEP))
     names = ("feedforward.weight", "feedforward.bias", "output.weight", "output.bias")
     weights = {name: decoder[name] for name in names if name in decoder}
-    for lstm, constants in (
-        ("encoder_lstm", constants_of_graph(folder / f"{ENCODER}.onnx")),
-        ("decoder_lstm", decoder),
-    ):
+    for lstm, constants in (("encoder_lstm", encoder), ("decoder_lstm", decoder)):
         for name, constant in constants.items():
             if match := re.fullmatch(r"lstm(\d+)\.([WRB])", name):
                 layer, part = match.groups()
@@ -47,14 +63,8 @@ def weights_of_graphs(folder: Path) -> dict[str, Tensor]:
     return weights
 
 
-def constants_of_graph(graph: Path) -> dict[str, Tensor]:
+def _constants(graph: Path) -> dict[str, Tensor]:
     return {
         part.name: torch.from_numpy(np.array(numpy_helper.to_array(part)))
         for part in onnx.load(graph).graph.initializer
     }
-
-
-def torch_gates(weight: Tensor) -> Tensor:
-    """Reorder the gates along the first axis: ONNX has them as i, o, f, c, torch as i, f, g, o (its g is ONNX's c)."""
-    i, o, f, c = weight.chunk(4)
-    return torch.cat([i, f, c, o])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from runtime import InputError
-from runtime.arm.disturbance import Disturbance
+from runtime.arm.events import Event
 from runtime.arm.simulation import Simulated
 
 from .conftest import SlideRun
@@ -18,8 +18,8 @@ from .conftest import SlideRun
     ("text", "kind", "time", "values"),
     [("push@0.5=1,-2", "push", 0.5, (1.0, -2.0)), ("friction@0=0.3", "friction", 0.0, (0.3,))],
 )
-def test_disturbances_are_read(text: str, kind: str, time: float, values: tuple[float, ...]) -> None:
-    assert Disturbance.parse(text) == Disturbance(kind, time, values)
+def test_events_are_read(text: str, kind: str, time: float, values: tuple[float, ...]) -> None:
+    assert Event.parse(text) == Event(kind, time, values)
 
 
 @pytest.mark.parametrize(
@@ -36,9 +36,9 @@ def test_disturbances_are_read(text: str, kind: str, time: float, values: tuple[
         ("friction@1=11", "friction must be between 0 and 10"),
     ],
 )
-def test_disturbances_that_are_none_are_refused(text: str, message: str) -> None:
+def test_events_that_are_none_are_refused(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Disturbance.parse(text)
+        Event.parse(text)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from runtime import Friction, InputError, Plan, Planner
 from runtime.arm.geometry import PAN_RADIUS
 from runtime.arm.interface import Measured, ObjectStatus, PanCommand
-from runtime.arm.results import PLAN_ARRAYS, judge, measured_track
+from runtime.arm.results import PLAN_ARRAYS, Results, measured_track
 from runtime.arm.run import check_plan, closed_loop, execute, open_loop
 from runtime.arm.tail import REST, SAFE_RADIUS, brake
 from runtime.documents.checks import FloatArray
@@ -58,7 +58,7 @@ def test_open_loop_on_an_ideal_arm_is_the_plan(plan: Plan) -> None:
     assert np.array_equal(recording.sliding[:samples, :2], plan.object_position)
     assert recording.pan[:samples, :2] == pytest.approx(plan.pan_position, abs=1e-12)
     assert arm.closed == 1
-    results = judge(plan, recording, None)
+    results = Results.of(plan, recording, None)
     assert results.object_rms == plan.quality.tracking_rmse
     assert (results.pan_rms, results.plan_rms, results.law_rms) == (0.0, 0.0, None)
 
@@ -115,7 +115,7 @@ def test_an_interrupt_keeps_what_was_recorded_and_closes_the_arm(plan: Plan) -> 
     assert recording.interrupted
     assert arm.closed == 1
     assert (len(recording), len(recording.pan_command), len(recording.pan_acceleration)) == (120, 120, 120)
-    assert judge(plan, recording, 0.5).samples == 120
+    assert Results.of(plan, recording, 0.5).samples == 120
     shown, track = measured_track(plan, recording, "arm")
     assert len(shown) == len(track.object_position) == 120
     assert "arm" in render_report(shown, [track])
@@ -136,14 +136,14 @@ def test_a_lost_object_is_said_with_its_time(plan: Plan) -> None:
     gone = [
         each._replace(status=ObjectStatus.OFF_PAN) if k >= 123 else each for k, each in enumerate(recording.measured)
     ]
-    results = judge(plan, replace(recording, measured=tuple(gone)), 0.5)
+    results = Results.of(plan, replace(recording, measured=tuple(gone)), 0.5)
     assert results.notes == ["the object was off the pan at 0.123 s"]
 
 
 def test_limits_are_said(plan: Plan) -> None:
     recording = execute(plan, IdealArm(plan.friction), open_loop(plan))
     held = [each._replace(limits=("reach",)) if k < 7 else each for k, each in enumerate(recording.measured)]
-    results = judge(plan, replace(recording, measured=tuple(held)), 0.5)
+    results = Results.of(plan, replace(recording, measured=tuple(held)), 0.5)
     assert results.notes == ["the arm was held back for 7 samples or more by: reach"]
     assert results.to_dict()["limits"] == {"reach": 7}
 

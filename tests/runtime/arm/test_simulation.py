@@ -142,12 +142,12 @@ def test_noise_is_the_cameras_alone_and_repeats_with_its_seed() -> None:
 
 
 def test_a_push_and_a_step_in_friction_move_the_object() -> None:
-    from runtime.arm.disturbance import Disturbance
+    from runtime.arm.events import Event
 
     still = np.zeros((400, 2))
     base = replace(motions()[0], **dict.fromkeys(PLAN_ARRAYS, still))
     arm = SimulatedArm()
-    pushed = execute(base, arm, open_loop(base), [Disturbance.parse("push@0.1=0,2").hook(arm)])
+    pushed = execute(base, arm, open_loop(base), [Event.parse("push@0.1=0,2").hook(arm)])
     assert np.abs(pushed.sliding[99, :2]).max() < 1e-4
     # 2 N against 0.49 N of friction on 0.1 kg for 50 ms, then friction alone.
     speed = (2.0 - 0.49) / 0.1 * 0.05
@@ -156,7 +156,7 @@ def test_a_push_and_a_step_in_friction_move_the_object() -> None:
     slippery = execute(gentle, SimulatedArm(), open_loop(gentle))
     assert np.abs(slippery.sliding[:400, 1]).max() < 1e-3, "3 m/s^2 do not move it at friction 0.5"
     arm = SimulatedArm()
-    slippery = execute(gentle, arm, open_loop(gentle), [Disturbance.parse("friction@0.2=0.1").hook(arm)])
+    slippery = execute(gentle, arm, open_loop(gentle), [Event.parse("friction@0.2=0.1").hook(arm)])
     assert np.abs(slippery.sliding[:195, 1]).max() < 1e-3
     assert slippery.sliding[399, 1] == pytest.approx(-0.5 * (3.0 - 0.98) * 0.2**2, rel=0.1)
 

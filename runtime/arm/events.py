@@ -1,4 +1,4 @@
-"""Disturbances of a simulated run, as they are written on the command line: `push@0.5=1.0,0` or `friction@0.5=0.3`."""
+"""Events of a simulated run, as they are written on the command line: `push@0.5=1.0,0` or `friction@0.5=0.3`."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ FORMS = "push@SECONDS=FX,FY (N, for 0.05 s) or friction@SECONDS=MU"
 
 
 @dataclass(frozen=True)
-class Disturbance:
-    """Something done to the object at a given time.
+class Event:
+    """Something that happens to the object at a given time.
 
     Attributes:
         kind: "push" or "friction".
@@ -39,8 +39,8 @@ class Disturbance:
     values: tuple[float, ...]
 
     @classmethod
-    def parse(cls, text: str) -> Disturbance:
-        """Read a disturbance as it is written on the command line.
+    def parse(cls, text: str) -> Event:
+        """Read an event as it is written on the command line.
 
         Raises:
             InputError: not of the form, or a number beyond what makes sense.
@@ -62,7 +62,7 @@ class Disturbance:
         return cls(kind, time, values)
 
     def hook(self, arm: SimulatedArm) -> Hook:
-        """Return what does it."""
+        """Return what lets it happen."""
         first = round(self.time / DT)
         act: Callable[[], None]
         if self.kind == "push":
