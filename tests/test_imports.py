@@ -24,6 +24,7 @@ MAY_IMPORT = {
 """What a package may import besides itself."""
 
 ROOMS = [
+    "interrupt",
     "version",
     "errors",
     "documents",
