@@ -152,7 +152,7 @@ class Command:
         Args:
             points: (n, 2) corners of the path, relative to the pan (m).
             speed: highest speed along it (m/s).
-            acceleration: highest acceleration along it (m/s^2); 3 if None.
+            acceleration: highest acceleration along it (m/s^2); 2 if None.
             reading: what the numbers mean, if they are not metres relative to the pan's centre.
 
         Raises:

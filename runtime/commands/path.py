@@ -13,7 +13,7 @@ from runtime.documents.checks import FloatArray, number, table
 from runtime.errors import InputError
 from runtime.physics.law import DT
 
-ACCELERATION = 3.0
+ACCELERATION = 2.0
 """Acceleration along the path (m/s^2) if none is named."""
 
 ACROSS = 4.0 / 3.0

@@ -38,7 +38,7 @@ class Reading:
             the object lies; or (x, y) in metres. None is "pan", but for drawings and with `size`: their middle.
         smooth: standard deviation (ms) of a Gaussian over time that takes out noise.
         speed: highest speed (m/s); the positions are a path, and times follow from it, see `runtime.commands.path`.
-        path_acceleration: highest acceleration along that path (m/s^2); 3 if None.
+        path_acceleration: highest acceleration along that path (m/s^2); 2 if None.
         size: how far the command goes from its first position (m), where the numbers are no lengths, as in pixels.
 
     Raises:

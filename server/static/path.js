@@ -14,8 +14,8 @@ export const SENT_EVERY = 10;  // samples from one that is sent to the next: the
 const TREMOR = 0.006;  // m along the path: standard deviation of the smoothing
 const SPACING = 0.001;  // m between the points that the smoothing and the speeds are worked out on
 const SHORTEST = 0.01;  // m: a shorter path is a slip of the hand
-const BEND = 4;  // m/s^2 across the path: the speed in a bend of radius r is at most sqrt(BEND r)
-const PULL = 3;  // m/s^2 along the path
+const BEND = 8 / 3;  // m/s^2 across the path: the speed in a bend of radius r is at most sqrt(BEND r)
+const PULL = 2;  // m/s^2 along the path
 const EASE = 30;  // samples over which an acceleration sets in
 
 const distance = ([ax, ay], [bx, by]) => Math.hypot(ax - bx, ay - by);
