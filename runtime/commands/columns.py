@@ -28,13 +28,19 @@ METRES = {
 }
 """Units of length that a column's name may end in, in metres."""
 
-TIMES = ("t", "time", "timestamp", "sec", "secs", "second", "seconds", "stamp", "times", "timestamps", "elapsed")
+PIXELS = {"px", "pixel", "pixels"}
+"""Units that are no lengths."""
+
+TIMES = (
+    *("t", "time", "timestamp", "sec", "secs", "second", "seconds", "stamp", "times", "timestamps", "elapsed"),
+    *("datetime", "date", "epoch", "clock"),
+)
 """Names of a time column, the likeliest first."""
 
-GLUED = ("pos{}", "{}pos", "p{}", "t{}", "position{}", "{}position", "{}coord")
+GLUED = ("pos{}", "{}pos", "p{}", "t{}", "c{}", "position{}", "{}position", "{}coord")
 """How an axis is written in one word with something else."""
 
-POSITIONS = {"position", "pos", "translation", "point", "coord", *(each.format("*") for each in GLUED)}
+POSITIONS = {"position", "pos", "p", "translation", "point", "coord", *(each.format("*") for each in GLUED)}
 """What tells that an axis is one of a position."""
 
 NO_POSITIONS = {
@@ -42,6 +48,10 @@ NO_POSITIONS = {
     *("quaternion", "rotation", "force", "torque", "wrench", "effort", "gyro", "mag", "covariance"),
 }
 """What tells that an axis is one of something else."""
+
+
+LETTERS = {"v", "a", "q", "w", "b", "f"}
+"""Letters that tell it too, if there is anything else."""
 
 
 class Choice(NamedTuple):
@@ -137,10 +147,14 @@ def _parts(name: str) -> tuple[tuple[str, ...], float | None]:
 
 
 def _split(name: str, units: dict[str, float]) -> tuple[tuple[str, ...], float | None]:
-    words = tuple(word for word in re.split(r"[^a-z0-9µμ]+", name.lower()) if word)
-    if len(words) > 1 and words[-1] in units and words[-1] not in ("t", "x", "y"):
+    words = _words(name)
+    if len(words) > 1 and words[-1] in units:
         return words[:-1], units[words[-1]]
-    return words, None
+    return (words[:-1] if len(words) > 1 and words[-1] in PIXELS else words), None
+
+
+def _words(name: str) -> tuple[str, ...]:
+    return tuple(word for word in re.split(r"[^a-z0-9µμ]+", name.lower()) if word)
 
 
 def _unit(plain: list[str], x: int, y: int) -> float | None:
@@ -171,7 +185,7 @@ def _pairs(plain: list[str]) -> list[tuple[int, int]]:
     ranked: dict[int, list[tuple[int, int]]] = {}
     for stem, axes in found.items():
         for x, y in product(axes.get("x", []), axes.get("y", [])):
-            rank = 0 if stem == ("*",) else 1 if POSITIONS & set(stem) else 2
+            rank = 0 if stem == ("*",) else 1 if POSITIONS & set(stem) else 3 if LETTERS & set(stem) else 2
             ranked.setdefault(rank, []).append((x, y))
     return ranked[min(ranked)] if ranked else []
 
@@ -180,14 +194,14 @@ def _time(plain: list[str]) -> tuple[tuple[int, float | None], ...]:
     """Return the columns whose sum is the time, with their units where their names say it."""
     ranked = []
     for index, name in enumerate(plain):
-        whole = tuple(word for word in re.split(r"[^a-z0-9]+", name.lower()) if word)
+        *before, last = _words(name) or ("",)
+        if last in ("sec", "secs"):
+            rest = [k for k, each in enumerate(plain) if _words(each) in [(*before, word) for word in NANOSECONDS]]
+            if len(rest) == 1:
+                return (index, 1.0), (rest[0], 1e-9)
         words, unit = _parts(name)
         if len(words) == 1 and words[0] in TIMES:
             ranked.append((TIMES.index(words[0]), index, unit))
-        elif len(whole) > 1 and whole[-2] == "stamp" and whole[-1] in ("sec", "secs"):
-            rest = [k for k, each in enumerate(plain) if re.split(r"[^a-z0-9]+", each.lower())[-2:] in NANOSECONDS]
-            if len(rest) == 1:
-                return (index, 1.0), (rest[0], 1e-9)
         elif words and words[-1] in TIMES[1:]:
             ranked.append((len(TIMES), index, unit))
     if not ranked:
@@ -199,5 +213,5 @@ def _time(plain: list[str]) -> tuple[tuple[int, float | None], ...]:
     return (best[0][1:],)
 
 
-NANOSECONDS = (["stamp", "nanosec"], ["stamp", "nsec"], ["stamp", "nsecs"])
+NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds")
 """How ROS calls the rest of a time stamp."""

@@ -13,9 +13,12 @@ from runtime.commands.strokes import from_strokes, is_strokes
 from runtime.documents.files import parse_json
 from runtime.errors import InputError
 
+POINTS = ("points", "path", "positions", "waypoints", "trajectory", "polyline", "coordinates")
+"""Names under which a document may have points or records and nothing else."""
+
 
 def parse_documents(content: str) -> object:
-    """Parse JSON, or JSON a line (ndjson): the first drawing of many, or all records.
+    """Parse JSON, or JSON a line (ndjson), which makes a list.
 
     Raises:
         InputError: it is neither; line and column are named.
@@ -27,8 +30,7 @@ def parse_documents(content: str) -> object:
         json.loads(first)
     except ValueError:
         return parse_json(content)
-    documents = [parse_json(line) for line in content.splitlines() if line.strip()]
-    return documents[0] if is_strokes(documents[0]) else documents
+    return [parse_json(line) for line in content.splitlines() if line.strip()]
 
 
 def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
@@ -43,23 +45,35 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
         InputError: a key is missing or unknown, or a value is not what it must be.
     """
     if isinstance(document, list) and document and all(isinstance(each, Mapping) for each in document):
-        return arrays.from_columns(_transposed(document), reading), reading
+        if not is_strokes(document[0]):
+            return arrays.from_columns(_transposed(document), reading), reading
+        points, reading = from_document(document[0], reading)
+        return points._replace(found=(f"took the first of {len(document)} drawings", *points.found)), reading
     if isinstance(document, list):
         return arrays.from_array(document, reading), reading
     if not isinstance(document, Mapping):
         raise InputError('must be an object with the keys "dt" (or "t") and "position"')
+    if isinstance(document.get("data"), list) and isinstance(document.get("columns"), list):  # pandas' orient="split"
+        records = [dict(zip(map(str, document["columns"]), row, strict=False)) for row in document["data"]]
+        return from_document(records, reading)
     options = {name: document[name] for name in OPTIONS if name in document and document[name] is not None}
     reading = reading.completed(options)
     rest = {name: value for name, value in document.items() if name not in OPTIONS}
     if is_strokes(rest):
         return from_strokes(rest), reading
-    if "position" in rest or not (_columns(rest) or reading.columns):
+    listed = [name for name in POINTS if name in rest]
+    if len(listed) == 1 and len(rest) == 1:
+        return from_document(rest[listed[0]], reading)
+    if "position" in rest or not rest.keys() - {"t", "dt"}:
         return _positions(rest, reading), reading
-    return arrays.from_columns(rest, reading), reading
+    dt = arrays.interval(rest.pop("dt")) if "dt" in rest else None
+    points = arrays.from_columns({name: _listed(value) for name, value in rest.items()}, reading)
+    return (points if dt is None else points._replace(dt=dt)), reading
 
 
-def _columns(document: Mapping[str, Any]) -> bool:
-    return len(document) > 1 and "dt" not in document
+def _listed(column: Any) -> Any:
+    """Return a column as a list, also where its rows are named, as in `DataFrame.to_json`."""
+    return list(column.values()) if isinstance(column, Mapping) else column
 
 
 def _positions(document: Mapping[str, Any], reading: Reading) -> Points:

@@ -36,7 +36,10 @@ RATES = (1000, 500, 400, 250, 240, 200, 125, 120, 100, 60, 50, 30, 25, 20)
 """Rates of recordings (Hz), to propose one."""
 
 SLOW = 0.002
-"""A recording of whole numbers that moves slower than this (m/s) has its times in another unit than seconds."""
+"""A recording at 1 Hz or less that moves slower than this (m/s) has its times in another unit than seconds."""
+
+FAST = 10.0
+"""A command that moves faster than this (m/s) has its times in another unit too."""
 
 CLOCKS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 """Units that times come in, in seconds."""
@@ -105,15 +108,15 @@ def ask_clock(t: FloatArray, position: FloatArray, named: bool) -> None:
     duration = float(t[-1] - t[0])
     steps = np.diff(t)
     speed = float((np.hypot(*np.diff(position, axis=0).T) / steps).max())
-    whole = bool((t == np.round(t)).all())
-    slow = not named and whole and len(t) >= 10 and steps.min() >= 1.0 and 0.0 < speed < SLOW
+    slow = not named and len(t) >= 10 and steps.min() >= 1.0 and 0.0 < speed < SLOW
     if duration <= MAX_DURATION and not slow:
         return
     guess = ""
-    if len(t) > 2 and whole and (steps == 1.0).all():
+    if len(t) > 2 and (steps == 1.0).all():
         guess = ": does t count samples? Give their rate, as in --rate 100"
     else:
-        likely = [name for name, unit in CLOCKS.items() if duration * unit <= MAX_DURATION and speed / unit <= 50.0]
+        likely = [name for name, unit in CLOCKS.items() if duration * unit <= MAX_DURATION]
+        likely = [name for name in likely if SLOW < speed / CLOCKS[name] < FAST] or likely
         if likely:
             guess = f": are these {likely[0]}? --time-scale {CLOCKS[likely[0]]:g} makes them seconds"
     if duration > MAX_DURATION:

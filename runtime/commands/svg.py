@@ -23,7 +23,7 @@ PIECES = 64
 MAX_POINTS = 1_000_000
 """Most points of a drawing."""
 
-LENGTHS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "pt": 0.0254 / 72, "pc": 0.0254 / 6}
 """Units in metres that the width of a drawing may have. A pixel is no length."""
 
 ARGUMENTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
@@ -66,7 +66,7 @@ def _name(element: ElementTree.Element) -> str:
 
 def _unit(root: ElementTree.Element) -> float | None:
     """Return metres a unit of the drawing, if its width says it; an uneven scale is not looked for."""
-    match = re.fullmatch(rf"\s*({NUMBER.pattern})\s*(mm|cm|in|m)\s*", root.get("width", ""))
+    match = re.fullmatch(rf"\s*({NUMBER.pattern})\s*(mm|cm|in|pt|pc)\s*", root.get("width", ""))
     if not match:
         return None
     box = [float(number) for number in NUMBER.findall(root.get("viewBox", ""))]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from runtime.commands.columns import TUM, Choice, choose, choose_unnamed, told
+from runtime.commands.columns import METRES, PIXELS, SECONDS, TUM, Choice, choose, choose_unnamed, told
 from runtime.commands.points import Points
 from runtime.commands.reading import Reading
 from runtime.documents.checks import FloatArray
@@ -21,6 +21,9 @@ DELIMITERS = (";", "\t", ",", "|", None)
 """What cells may be parted by; None is any number of spaces."""
 
 COMMENTS = ("#", "%", "//")
+
+UNITS = {"", *SECONDS, *METRES, *PIXELS}
+"""What a second line may say of the columns."""
 
 SAMPLED = 10
 """Lines of numbers that the delimiter is found from."""
@@ -34,7 +37,7 @@ class Line(NamedTuple):
 
 
 def decode(data: bytes) -> str:
-    """Return the text of a file, which is UTF-8 or UTF-16.
+    """Return the text of a file, which is UTF-8 or UTF-16; beside the numbers it may be Windows-1252.
 
     Raises:
         InputError: it is neither.
@@ -47,6 +50,8 @@ def decode(data: bytes) -> str:
     try:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
+        if not any(re.search(rb"[\x80-\xff]", line) and re.search(rb"[0-9\0]", line) for line in data.splitlines()):
+            return data.decode("cp1252", "replace")  # a letter of a name or a comment, as Excel writes it in Europe
         raise InputError(f"not UTF-8 text (byte {error.start})") from error
 
 
@@ -67,6 +72,9 @@ def parse_table(content: str, reading: Reading) -> Points:
     names: Sequence[str] | None = None
     if all(_number(cell, delimiter) is None for cell in first):
         header, names, lines = lines[0], first, lines[1:]
+        units = [cell.strip(" []()").lower() for cell in _trimmed(_split(lines[0], delimiter))] if lines else []
+        if len(units) == len(names) and UNITS.issuperset(units):  # a second line, of units
+            names, lines = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)], lines[1:]
         try:
             choice = choose(names, reading.columns)
         except InputError as error:
@@ -183,7 +191,9 @@ def _number(cell: str, delimiter: str | None) -> float | None:
 
 
 def _date(cell: str) -> float | None:
-    """Return the seconds since 1970 of a date and time, None if it is none."""
+    """Return the seconds of 01:02:03.5, or since 1970 of a date and time; None if it is none."""
+    if re.fullmatch(r"\s*\d+:\d\d(:\d\d)?(\.\d+)?\s*", cell):
+        return float(sum(float(part) * 60.0**power for power, part in enumerate(reversed(cell.split(":")))))
     try:
         date = datetime.fromisoformat(cell.strip())
     except ValueError:

@@ -71,6 +71,7 @@ def test_example_is_a_figure_eight_from_rest_to_rest() -> None:
     assert crossings == 3  # up, down, up, down
 
 
+@settings(deadline=None)
 @given(positions)
 def test_every_format_gives_the_same_command(tmp_path_factory: pytest.TempPathFactory, position: Any) -> None:
     folder = tmp_path_factory.mktemp("formats")

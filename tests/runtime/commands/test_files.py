@@ -37,6 +37,14 @@ READ: list[tuple[str, dict[str, Any], str]] = [
     ("tum_bare.tum", {}, "'timestamp', 'tx', 'ty'"),
     ("rostopic.csv", {}, "'time', 'field.pose.position.x', 'field.pose.position.y'; scaled times by 1e-09"),
     ("rosbag.csv", {}, "'header.stamp.secs' and 'header.stamp.nsecs', 'pose.position.x', 'pose.position.y'"),
+    ("units_row.csv", {}, "scaled by 0.001; scaled times by 0.001"),
+    ("euroc.csv", {}, "'timestamp [ns]', 'p_RS_R_x [m]', 'p_RS_R_y [m]'; scaled times by 1e-09"),
+    ("clock.csv", {}, "'Time', 'x_m', 'y_m'"),
+    ("seconds_and_nanoseconds.csv", {}, "'sec' and 'nanosec', 'x', 'y'"),
+    ("waypoints.json", {}, ""),
+    ("dt_and_columns.json", {}, ""),
+    ("pandas.json", {}, ""),
+    ("pandas_split.json", {}, ""),
     ("two_pairs.csv", {"columns": ("t", "right_x", "right_y")}, "'t', 'right_x', 'right_y'"),
     ("bare.csv", {"columns": "t,x,y"}, "'1', '2', '3'"),
     ("bare_order.csv", {"columns": "x,y,label,t"}, "'4', '1', '2'"),
@@ -72,6 +80,7 @@ ASKED: list[tuple[str, dict[str, Any], str]] = [
     ("millimetres.csv", {}, "goes 150 m from its first position, .* millimetres (--scale 0.001)?"),
     ("inches.csv", {}, "goes 2.362 m .* are these centimetres (--scale 0.01) or inches (--scale 0.0254)?"),
     ("pixels.csv", {}, "goes 600 m .* pixels (--size 0.1, the reach in metres)?"),
+    ("pixels_in_names.csv", {}, "goes 600 m .* pixels (--size 0.1, the reach in metres)?"),
     ("milliseconds.csv", {}, "t spans 1000 s, at most 600 s .* are these milliseconds? --time-scale 0.001"),
     ("twice.csv", {}, "t[5] = 1700000000.225 s (line 7) does not come after t[4] = 1700000000.225 s (line 6)"),
     (
@@ -93,7 +102,7 @@ ASKED: list[tuple[str, dict[str, Any], str]] = [
 RUN_ALONG: list[tuple[str, dict[str, Any], str]] = [
     ("corners.csv", {}, ""),
     ("strokes.json", {"size": 0.05 * 5**0.5}, "took 2 strokes, joined by straight lines; scaled by 0.001"),
-    ("quickdraw.ndjson", {"size": 0.1}, "laid its middle on the pan's centre"),
+    ("quickdraw.ndjson", {"size": 0.1}, "took the first of 2 drawings"),
     ("raw_quickdraw.ndjson", {"size": 0.1}, "took 2 strokes"),
     ("drawing.svg", {"scale": 0.001}, "laid its middle on the pan's centre"),
     ("drawing.svg", {"size": 0.05 * 5**0.5}, "scaled by 0.001"),
@@ -174,7 +183,7 @@ def test_a_counter_or_a_clock_in_the_place_of_seconds_is_asked_about() -> None:
     for t, question in (
         (np.arange(1001), "does t count samples? Give their rate, as in --rate 100"),
         (np.arange(0, 500, 10), "are these milliseconds? --time-scale 0.001 makes them seconds"),
-        (np.arange(0, 10**8, 10**5), "are these microseconds? --time-scale 1e-06 makes them seconds"),
+        (np.arange(0, 1_000_001, 1000), "are these microseconds? --time-scale 1e-06 makes them seconds"),
     ):
         position = loop()[np.linspace(0, 1000, len(t)).astype(int)]
         with pytest.raises(InputError) as caught:
