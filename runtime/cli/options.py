@@ -3,41 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Annotated
+from dataclasses import dataclass, replace
 
 import typer
 
 from runtime.cli.console import DONE_BUT_MISSED, MM, say
+from runtime.documents.options import option
 from runtime.friction import Friction
+from runtime.limits import Limits
 from runtime.plan import Plan, Status
 from runtime.sizes import Sizes
 
-Static = Annotated[float | None, typer.Option("--static", help="Static friction coefficient.", metavar="MU")]
-Kinetic = Annotated[float | None, typer.Option("--kinetic", help="Kinetic friction coefficient.", metavar="MU")]
+
+@dataclass(frozen=True)
+class FrictionOptions:
+    """What was said of the friction."""
+
+    static: float | None = option("Static friction coefficient.", metavar="MU")
+    kinetic: float | None = option("Kinetic friction coefficient.", metavar="MU")
+
+    def chosen(self, default: Friction) -> Friction:
+        """Return the default with what was given on the command line in its place."""
+        return replace(default, **_given(self))
 
 
-def chosen_friction(default: Friction, static: float | None, kinetic: float | None) -> Friction:
-    """Return the default with what was given on the command line in its place."""
-    return Friction(
-        static=default.static if static is None else static,
-        kinetic=default.kinetic if kinetic is None else kinetic,
-    )
+@dataclass(frozen=True)
+class LimitOptions:
+    """What was said of the limits."""
+
+    reach: float | None = option("Limit on the pan's reach (m).", metavar="M")
+    acceleration: float | None = option("Limit on its acceleration (m/s^2).", metavar="A")
+    jerk: float | None = option("Limit on its jerk (m/s^3).", metavar="J")
+
+    def chosen(self, default: Limits) -> Limits:
+        """Return the default with what was given on the command line in its place."""
+        given = _given(self)
+        if "reach" in given:
+            given["pan_reach"] = given.pop("reach")
+        return replace(default, **given)
 
 
 @dataclass(frozen=True)
 class SizeOptions:
     """What was said of the sizes of pan and object."""
 
-    pan_radius: float | None = field(default=None, metadata={"help": "Radius of the pan (m).", "metavar": "M"})
-    object_radius: float | None = field(default=None, metadata={"help": "Radius of the object (m).", "metavar": "M"})
+    pan_radius: float | None = option("Radius of the pan (m).", metavar="M")
+    object_radius: float | None = option("Radius of the object (m).", metavar="M")
 
     def chosen(self, default: Sizes) -> Sizes:
         """Return the default with what was given on the command line in its place."""
-        return Sizes(
-            default.pan_radius if self.pan_radius is None else self.pan_radius,
-            default.object_radius if self.object_radius is None else self.object_radius,
-        )
+        return replace(default, **_given(self))
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How much to try for a better plan; as `Planner.plan` takes them."""
+
+    candidates: int | None = option("Plan so many turned and mirrored ways, keep the best.", metavar="N")
+    robust: float | None = option("Judge by friction off by this share, too: 0.1; 0 for not.", metavar="SHARE")
+    refine_ms: float | None = option("Make the plan better for so many milliseconds.", metavar="MS")
+
+
+def _given(options: FrictionOptions | LimitOptions | SizeOptions) -> dict[str, float]:
+    return {name: value for name, value in vars(options).items() if value is not None}
 
 
 def reach_of_limit(plan: Plan) -> str:

@@ -10,15 +10,24 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from runtime.assess.assess import cannot_slide
 from runtime.cli.console import BAD_INPUT, DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
-from runtime.cli.options import Kinetic, SizeOptions, Static, chosen_friction, conclude, friction_off, reach_of_limit
+from runtime.cli.options import (
+    FrictionOptions,
+    LimitOptions,
+    SearchOptions,
+    SizeOptions,
+    conclude,
+    friction_off,
+    reach_of_limit,
+)
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
 from runtime.commands.reading import Reading
@@ -27,8 +36,6 @@ from runtime.errors import InputError, OutputError, SlideError
 from runtime.physics.law import DT
 from runtime.plan import Plan, check_suffix
 from runtime.planner import Planner
-
-NO_SIZES = SizeOptions()
 
 PAPER_SAMPLES_PER_SECOND = 622.0
 """Planning speed of the paper: 1200 samples in 1.93 s on an Intel Core i7-6700 (Section V-B)."""
@@ -71,17 +78,13 @@ def slide_plan(
     model: Annotated[
         Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, fp32.", metavar="DIR")
     ] = None,
-    static: Static = None,
-    kinetic: Kinetic = None,
-    reach: Annotated[float | None, typer.Option("--reach", help="Limit on the pan's reach (m).", metavar="M")] = None,
-    acceleration: Annotated[
-        float | None, typer.Option("--acceleration", help="Limit on its acceleration (m/s^2).", metavar="A")
-    ] = None,
-    jerk: Annotated[float | None, typer.Option("--jerk", help="Limit on its jerk (m/s^3).", metavar="J")] = None,
+    friction: FrictionOptions = FrictionOptions(),
+    limits: LimitOptions = LimitOptions(),
+    search: SearchOptions = SearchOptions(),
     tolerance: Annotated[
         float | None, typer.Option("--tolerance", help="Tracking RMSE to hold the plan against (m).", metavar="M")
     ] = None,
-    sizes: SizeOptions = NO_SIZES,
+    sizes: SizeOptions = SizeOptions(),
     as_json: AsJson = False,
 ) -> None:
     """Plan the motion of the pan that slides the object along a command, or along each of many."""
@@ -92,18 +95,23 @@ def slide_plan(
         check_writable(output)
     first = None if many else Command.load(commands[0], reading)
     planner = Planner(model)
-    friction = chosen_friction(planner.bundle.manifest.friction, static, kinetic)
-    given = {"pan_reach": reach, "acceleration": acceleration, "jerk": jerk}
-    limits = replace(planner.bundle.manifest.limits, **{name: it for name, it in given.items() if it is not None})
-
-    chosen = sizes.chosen(planner.bundle.manifest.sizes)
-    warned = cannot_slide(friction, limits)
+    manifest = planner.bundle.manifest
+    asked = {
+        "friction": friction.chosen(manifest.friction),
+        "limits": limits.chosen(manifest.limits),
+        "sizes": sizes.chosen(manifest.sizes),
+        "tolerance": tolerance,
+        **vars(search),
+    }
+    if search.refine_ms:
+        planner.plan(first or np.zeros((100, 2)), refine_iterations=1)  # compiles, which is not planning
+    warned = cannot_slide(asked["friction"], asked["limits"])
     for line in warned:
         say("slide-plan", f"warning: {line}")
 
     def make(source: Path, target: Path, command: Command) -> Made:
         begin = time.perf_counter()
-        plan = planner.plan(command, friction, limits=limits, sizes=chosen, tolerance=tolerance)
+        plan = planner.plan(command, **asked)
         duration = time.perf_counter() - begin
         plan.save(target)
         return Made(source, target, command, plan, duration)

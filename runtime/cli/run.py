@@ -10,7 +10,7 @@ import typer
 
 from runtime.arm.options import ArmOptions
 from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
-from runtime.cli.options import Kinetic, Static, chosen_friction, conclude, reach_of_limit
+from runtime.cli.options import FrictionOptions, conclude, reach_of_limit
 from runtime.documents.writing import check_writable
 from runtime.errors import InputError
 from runtime.interrupt import INTERRUPTED
@@ -25,8 +25,7 @@ def run_main() -> None:
 
 def slide_run(
     plan_file: Annotated[Path, typer.Argument(help="Plan: .json or .npz.", show_default=False)],
-    static: Static = None,
-    kinetic: Kinetic = None,
+    friction: FrictionOptions = FrictionOptions(),
     report: Annotated[
         Path | None, typer.Option("--report", help="Page to write, with the motion animated.", metavar="HTML")
     ] = None,
@@ -38,12 +37,12 @@ def slide_run(
 ) -> None:
     """Replay a plan on the law of friction, maybe under another friction, or execute it on a simulated arm."""
     if pybullet:
-        if static is not None or kinetic is not None:
+        if friction != FrictionOptions():
             raise InputError("--static and --kinetic are of the replay: give --friction with --pybullet")
         _run_on_arm(plan_file, arm, report, as_json)
     else:
         arm.refuse_without_pybullet()
-        _replay(plan_file, static, kinetic, report, as_json)
+        _replay(plan_file, friction, report, as_json)
 
 
 def _run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, as_json: bool) -> None:
@@ -63,12 +62,12 @@ def _run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, as_js
     conclude("slide-run", outcome.plan, outcome.notes)
 
 
-def _replay(plan_file: Path, static: float | None, kinetic: float | None, report: Path | None, as_json: bool) -> None:
+def _replay(plan_file: Path, options: FrictionOptions, report: Path | None, as_json: bool) -> None:
     """Replay a plan on the law of friction, maybe under another friction than it was made for."""
     if report is not None:
         check_writable(report)
     plan = Plan.load(plan_file)
-    friction = chosen_friction(plan.friction, static, kinetic)
+    friction = options.chosen(plan.friction)
     states = plan.replay(friction)
     position, velocity = states[:, :2], states[:, 2:]
     rmse, worst = tracking_error(position, plan.command_position)

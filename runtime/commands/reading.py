@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 from runtime.commands.path import ACCELERATION
 from runtime.documents.checks import number
+from runtime.documents.options import option
 from runtime.errors import InputError
 
 ORIGINS = ("pan", "first")
@@ -17,11 +18,6 @@ SMOOTH = (0.1, 200.0)
 
 USABLE = (1e-12, 1e12)
 """Range of the other numbers, in their own units: what is beyond is a slip of the unit, its square maybe no number."""
-
-
-def _option(help: str, metavar: str, **more: object) -> Any:
-    """Return a field of `Reading`, None by default, with what the command line says of it."""
-    return field(default=None, metadata={"help": help, "metavar": metavar, **more})
 
 
 @dataclass(frozen=True)
@@ -45,19 +41,19 @@ class Reading:
         InputError: a value is not what it must be, or two contradict each other.
     """
 
-    columns: tuple[str, ...] | str | None = _option(
-        "Columns of t, x and y, or of x and y.", "T,X,Y", read_as=str | None
+    columns: tuple[str, ...] | str | None = option(
+        "Columns of t, x and y, or of x and y.", metavar="T,X,Y", read_as=str | None
     )
-    rate: float | None = _option("Samples per second of a command without times.", "HZ")
-    scale: float | None = _option("Makes positions metres: 0.001 for millimetres.", "S")
-    time_scale: float | None = _option("Makes times seconds: 0.001 for milliseconds.", "S")
-    origin: str | tuple[float, float] | None = _option(
-        "Where the pan's centre is: pan, first or X,Y (m).", "WHERE", read_as=str | None
+    rate: float | None = option("Samples per second of a command without times.", metavar="HZ")
+    scale: float | None = option("Makes positions metres: 0.001 for millimetres.", metavar="S")
+    time_scale: float | None = option("Makes times seconds: 0.001 for milliseconds.", metavar="S")
+    origin: str | tuple[float, float] | None = option(
+        "Where the pan's centre is: pan, first or X,Y (m).", metavar="WHERE", read_as=str | None
     )
-    smooth: float | None = _option("Smooth noise out, over so many milliseconds.", "MS")
-    speed: float | None = _option("Run along a path without times (m/s).", "V")
-    path_acceleration: float | None = _option("Acceleration along that path (m/s^2).", "A")
-    size: float | None = _option("How far the command goes from its start (m).", "M")
+    smooth: float | None = option("Smooth noise out, over so many milliseconds.", metavar="MS")
+    speed: float | None = option("Run along a path without times (m/s).", metavar="V")
+    path_acceleration: float | None = option("Acceleration along that path (m/s^2).", metavar="A")
+    size: float | None = option("How far the command goes from its start (m).", metavar="M")
 
     def __post_init__(self) -> None:
         for name, unit in POSITIVE.items():
