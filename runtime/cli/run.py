@@ -25,7 +25,7 @@ def run_main() -> None:
 
 def slide_run(
     plan_file: Annotated[Path, typer.Argument(help="Plan: .json or .npz.", show_default=False)],
-    friction: FrictionOptions = FrictionOptions(),
+    replayed: FrictionOptions = FrictionOptions(),
     report: Annotated[
         Path | None, typer.Option("--report", help="Page to write, with the motion animated.", metavar="HTML")
     ] = None,
@@ -37,12 +37,12 @@ def slide_run(
 ) -> None:
     """Replay a plan on the law of friction, maybe under another friction, or execute it on a simulated arm."""
     if pybullet:
-        if friction != FrictionOptions():
+        if replayed != FrictionOptions():
             raise InputError("--static and --kinetic are of the replay: give --friction with --pybullet")
         _run_on_arm(plan_file, arm, report, as_json)
     else:
         arm.refuse_without_pybullet()
-        _replay(plan_file, friction, report, as_json)
+        _replay(plan_file, replayed, report, as_json)
 
 
 def _run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, as_json: bool) -> None:

@@ -60,8 +60,9 @@ KICK_SIZE = (1.0, 12.0)
 ROBUST = 0.1
 """Share by which the friction may be off unless something else is said: what two pans of one make differ by."""
 
-PLANNED_FOR = 2.0
-"""Weight of the friction that is planned for, beside 1 for each other one."""
+PLANNED_FOR = 12.0
+"""Weight of the friction that is planned for, beside 1 for each other one: with less the others gain nothing more, and
+the plan is worse where all is as was said."""
 
 
 class Kernels(NamedTuple):
