@@ -123,7 +123,7 @@ def accuracy_of(plan: PlanFunction, settings: AccuracySettings) -> Accuracy:
     Raises:
         InputError: there is no family of that name, or a plan is no plan.
     """
-    chosen = {name: family.first(settings.commands) for name, family in suite(settings.family).items()}
+    chosen = suite(settings.family, settings.commands)
     outcomes = {name: plan_family(plan, family) for name, family in chosen.items()}
     nominal = [outcome for name, outcome in outcomes.items() if name != "friction"]
     families = {name: figures([outcome]) for name, outcome in outcomes.items()}
@@ -165,13 +165,11 @@ def figures(outcomes: Sequence[Outcome]) -> Figures:
 
 
 def friction_cells(outcome: Outcome) -> tuple[FrictionCell, ...]:
-    """Return the mean tracking RMSE of the family `friction` under each friction of the grid that it has."""
+    """Return the mean tracking RMSE of the family `friction` under each friction of the grid."""
     frictions = np.array([(each.static, each.kinetic) for each in outcome.family.frictions])
-    cells = {
-        (each.static, each.kinetic): (frictions == (each.static, each.kinetic)).all(axis=1) for each in FRICTION_GRID
-    }
     return tuple(
-        FrictionCell(*cell, float(outcome.tracking[rows].mean())) for cell, rows in cells.items() if rows.any()
+        FrictionCell(*cell, float(outcome.tracking[(frictions == cell).all(axis=1)].mean()))
+        for cell in [(each.static, each.kinetic) for each in FRICTION_GRID]
     )
 
 

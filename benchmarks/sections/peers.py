@@ -87,7 +87,7 @@ def measure_peers(subject: Subject, settings: PeersSettings) -> Measured:
         InputError: there is no family of that name.
         MissingExtraError: numba is not installed.
     """
-    families = [family.first(settings.commands) for family in suite(settings.family).values()]
+    families = list(suite(settings.family, settings.commands).values())
     effort = settings.candidates, settings.iterations
     planners: dict[str, PlanFunction] = {subject.planner.bundle.manifest.name: one_by_one(subject.planner)}
     notes = []

@@ -117,8 +117,7 @@ def _refinement(planner: Planner, optimizer: PlanFunction, settings: RefineSetti
     planner.plan(np.zeros((200, 2)), refine_iterations=1, robust=settings.robust)  # compiles
     families, before, after = {}, [], []
     time = 0.0
-    for name, whole in suite(settings.family).items():
-        family = whole.first(settings.commands)
+    for name, family in suite(settings.family, settings.commands).items():
         plain = plan_family(one_by_one(planner), family)
         refined = plan_family(one_by_one(planner, settings.budget, settings.robust), family)
         families[name] = RefinedFamily(

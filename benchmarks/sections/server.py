@@ -172,7 +172,8 @@ class Server:
         lone: a lone client.
         python_p50: a request through the client in Python, median (s).
         clients: many clients at once.
-        wrong: answers that belong to another request.
+        looked_through: plans in which the command of the request was looked for.
+        wrong: plans that have another command.
         flood: a flood of requests.
         stream_json_p99, stream_packed_p99: round trip of a step of `WS /stream`, 99th percentile (s).
         soak: a long time at half load.
@@ -181,6 +182,7 @@ class Server:
     lone: Lone | None = None
     python_p50: float | None = None
     clients: Clients | None = None
+    looked_through: int | None = None
     wrong: int | None = None
     flood: Flooded | None = None
     stream_json_p99: float | None = None
@@ -202,6 +204,7 @@ TARGETS = (
     Target("clients.rate", "64 clients", PLANS_PER_SECOND),
     Target("clients.ratio", "64 clients over one", TIMES, ">=", 3.0),
     Target("clients.refused", "64 clients: refused", COUNT),
+    Target("looked_through", "answers looked through", COUNT),
     Target("wrong", "answers to another request", COUNT, "<=", 0),
     Target("flood.rate", "flood at 3 x the peak", Unit("requests/s", show="{:.0f}")),
     Target("flood.planned", "flood: planned", COUNT),
@@ -285,7 +288,7 @@ def measure_server(subject: Subject, settings: ServerSettings) -> Measured:
         found["clients"] = clients = asyncio.run(
             count_plans(port, requests, settings.clients, settings.rounds, lone.rate)
         )
-        found["wrong"] = asyncio.run(count_wrong_answers(port, settings.nonces))
+        found["looked_through"], found["wrong"] = asyncio.run(look_through_answers(port, settings.nonces))
         seconds = settings.soak_flood_seconds if settings.soak else settings.flood_seconds
         found["flood"] = asyncio.run(flood(port, requests, clients.rate, lone.p99, seconds))
         for form in ("json", "packed"):
@@ -356,19 +359,20 @@ async def count_plans(port: int, requests: Sequence[bytes], clients: int, rounds
     return Clients(rate, rate / lone_rate, len(asked) - planned)
 
 
-async def count_wrong_answers(port: int, count: int) -> int:
-    """Give each request a command of its own and look for it in its answer; return how many are not there."""
+async def look_through_answers(port: int, count: int) -> tuple[int, int]:
+    """Give each request a command of its own; return how many plans came of them, and how many have another one."""
     nonces = [1e-9 * (index + 1) for index in range(count)]
     requests = [post_plan(np.full((NONCE_SAMPLES, 2), (nonce, 0.0))) for nonce in nonces]
-    wrong = 0
+    planned = wrong = 0
 
     def check(index: int, answer: Answer) -> None:
-        nonlocal wrong
-        found = json.loads(answer.body)["command"]["position"] if answer.status == 200 else []
-        wrong += found != [[nonces[index], 0.0]] * NONCE_SAMPLES
+        nonlocal planned, wrong
+        if answer.status == 200:
+            planned += 1
+            wrong += json.loads(answer.body)["command"]["position"] != [[nonces[index], 0.0]] * NONCE_SAMPLES
 
     await in_turn(port, NONCE_CLIENTS, requests, check)
-    return wrong
+    return planned, wrong
 
 
 async def flood(port: int, requests: Sequence[bytes], peak: float, lone_p99: float, seconds: float) -> Flooded:

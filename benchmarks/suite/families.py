@@ -78,8 +78,8 @@ class Family:
         """Return the number of commands."""
         return len(self.positions)
 
-    def first(self, commands: int | None) -> Family:
-        """Return the family with its first commands only, or all of it if None."""
+    def first(self, commands: int) -> Family:
+        """Return the family with its first commands only."""
         some = slice(commands)
         return Family(self.name, self.positions[some], self.frictions[some], self.labels[some])
 
@@ -145,7 +145,11 @@ def odd() -> Family:
 @cache
 def friction() -> Family:
     """Return the spline commands under every friction of the grid, one friction after the other."""
-    base = spline()
+    return under_every_friction(spline())
+
+
+def under_every_friction(base: Family) -> Family:
+    """Return the commands of a family under every friction of the grid, one friction after the other."""
     cells = [
         (position, each, f"{label}, {each.static:g}/{each.kinetic:g}")
         for each in FRICTION_GRID

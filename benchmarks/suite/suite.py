@@ -27,12 +27,17 @@ from benchmarks.suite.families import (
     short,
     spline,
     stops,
+    under_every_friction,
 )
 from runtime.errors import InputError
 
 
-def suite(names: Iterable[str] | None = None) -> dict[str, Family]:
-    """Return the families by their names; all of them if `names` is None, which leaves out the letters.
+def suite(names: Iterable[str] | None = None, commands: int | None = None) -> dict[str, Family]:
+    """Return families by their names.
+
+    Args:
+        names: of the families; if None, all of them, which leaves out the letters.
+        commands: only the first ones of each family, in `friction` under every friction; all if None.
 
     Raises:
         InputError: there is no family of that name.
@@ -44,7 +49,13 @@ def suite(names: Iterable[str] | None = None) -> dict[str, Family]:
     for name in chosen:
         if name not in known:
             raise InputError(f"unknown family {name!r}: known are {', '.join(known)}")
-    return {name: known[name]() for name in chosen}
+    return {name: known[name]() if commands is None else _first(known[name], commands) for name in chosen}
+
+
+def _first(family: Callable[[], Family], commands: int) -> Family:
+    if family is friction:
+        return under_every_friction(spline().first(commands))
+    return family().first(commands)
 
 
 FAMILIES: dict[str, Callable[[], Family]] = {

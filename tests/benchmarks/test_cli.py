@@ -164,7 +164,8 @@ def test_accuracy_as_json_is_one_object(
     assert results == json.loads(output.read_text(encoding="utf-8"))
     families = results["accuracy"]["families"]
     assert set(families) == {"spline", "shapes", "stops", "long", "short", "odd", "friction"}
-    assert len(results["accuracy"]["friction"]) == 1 < len(FRICTION_GRID)
+    assert {name: each["commands"] for name, each in families.items()}["friction"] == 2 * len(FRICTION_GRID)
+    assert len(results["accuracy"]["friction"]) == len(FRICTION_GRID)
     unmet = [target for target in results["targets"] if not target["met"]]
     assert captured.err.startswith(f"slide-bench: {len(unmet)} of {len(results['targets'])} targets are not met: ")
     assert captured.err.count("\n") == 1

@@ -1,24 +1,29 @@
-"""The figures of the arm, on one of the network's plans."""
+"""The figures of the arm, of a few runs."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 
 import pytest
 
 pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
 
+from benchmarks.harness.section import Subject
 from benchmarks.harness.targets import judge
-from benchmarks.sections.arm import TARGETS, ArmSettings, network_plans
-from runtime import InputError, Planner
+from benchmarks.sections.arm import SECTION, ArmSettings
+from runtime import InputError
 
 
-def test_network_plans_are_measured_in_every_way() -> None:
-    figures = network_plans(Planner(), 1)
-    verdicts = {verdict.target.figure: verdict for verdict in judge(TARGETS, {"network": asdict(figures)})}
-    assert len(verdicts) == len(asdict(figures))
+def test_every_figure_of_the_arm_is_measured() -> None:
+    figures, notes = SECTION.measure(Subject.load(), ArmSettings(plans=1, motions=1, repeated=1, pictures=1))
+    document = asdict(figures)
+    json.dumps(document, allow_nan=False)
+    verdicts = {verdict.target.figure: verdict for verdict in judge(SECTION.targets, document)}
+    assert list(verdicts) == [target.figure for target in SECTION.targets]
+    assert not notes
     assert verdicts["network.closed_mean"].met
-    assert verdicts["network.closed_lost"].value == 0
+    assert verdicts["network.closed_lost"].met
     assert verdicts["network.open_mean"].met is None
 
 

@@ -146,3 +146,12 @@ def test_only_the_family_friction_leaves_the_nominal_friction(family: Family) ->
 def test_an_unknown_family_is_refused_by_its_name() -> None:
     with pytest.raises(InputError, match="unknown family 'splines'"):
         suite.suite(["splines"])
+
+
+def test_the_first_commands_of_each_family_are_those_of_the_suite() -> None:
+    few, whole = suite.suite(["odd", "friction"], commands=2), suite.suite(["odd", "spline"])
+    assert few["odd"].labels == whole["odd"].labels[:2]
+    assert len(few["friction"]) == 2 * len(FRICTION_GRID)
+    assert set(few["friction"].frictions) == set(FRICTION_GRID)
+    first = whole["spline"].positions[0]
+    assert all(np.array_equal(position, first) for position in few["friction"].positions[::2])
