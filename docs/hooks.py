@@ -1,11 +1,13 @@
 """Fills pages of the site with what the programs say of themselves, so that no page can differ from the code.
 
 A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a
-request's names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents.
+request's names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents,
+`<!-- folders: runtime -->` that of a package's folders.
 """
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
@@ -27,6 +29,7 @@ WIDTH = 100
 
 PROGRAM = re.compile(r"^<!-- program: (slide-[a-z]+) -->$", flags=re.MULTILINE)
 SCHEMA = re.compile(r"^<!-- schema: ([A-Za-z]+) -->$", flags=re.MULTILINE)
+FOLDERS = re.compile(r"^<!-- folders: ([a-z]+) -->$", flags=re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
@@ -39,6 +42,7 @@ def on_config(config: Any) -> Any:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Replace the marks of one page."""
     markdown = PROGRAM.sub(lambda found: f"```text\n{help_of(found[1])}\n```", markdown)
+    markdown = FOLDERS.sub(lambda found: folders_table(found[1]), markdown)
     markdown = SCHEMA.sub(lambda found: schema_table(found[1]), markdown)
     markdown = markdown.replace("<!-- settings -->", settings_table())
     return markdown.replace("<!-- problems -->", problems_table())
@@ -68,6 +72,15 @@ def help_of(program: str) -> str:
     if done.returncode:
         raise RuntimeError(f"{program} --help failed: {done.stderr.strip()[-500:]}")
     return done.stdout.strip()
+
+
+def folders_table(package: str) -> str:
+    """Return the folders of a package with the first line of what each says of itself."""
+    rows = ["| folder | what it knows |", "|---|---|"]
+    for init in sorted((ROOT / package).glob("*/__init__.py")):
+        said = ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))) or ""
+        rows.append(f"| `{package}/{init.parent.name}/` | {said.splitlines()[0] if said else ''} |")
+    return "\n".join(rows)
 
 
 def schema_table(name: str) -> str:

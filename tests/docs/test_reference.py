@@ -117,6 +117,11 @@ def test_extras_are_those_of_the_project() -> None:
         assert {name for names in used for name in names.split(",")} <= set(PROJECT["optional-dependencies"]), document
 
 
+def test_every_folder_of_the_runtime_says_what_it_knows(hooks: ModuleType) -> None:
+    for row in hooks.folders_table("runtime").splitlines()[2:]:
+        assert re.fullmatch(r"\| `runtime/\w+/` \| [A-Z].+[.:] \|", row), row
+
+
 def test_every_decision_is_listed() -> None:
     listed = set(re.findall(r"\((\d{3}-[^)]+\.md)\)", (DOCS / "decisions" / "index.md").read_text(encoding="utf-8")))
     assert listed == {path.name for path in (DOCS / "decisions").glob("[0-9]*.md")}
