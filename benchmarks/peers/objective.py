@@ -17,6 +17,7 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.law import DT, slide_step
+from runtime.physics.pan import pan_step
 
 KNOT = 10
 """Samples for which an acceleration is constant."""
@@ -39,7 +40,7 @@ LIMIT_PRICE = 3e3
 CHANGE_PRICE = 2e-8
 """Price of a change of acceleration between knots, per (m/s^2)^2, against 1 per metre squared of tracking error."""
 
-_step = numba.njit(slide_step)
+_slide_step, _pan_step = numba.njit(slide_step), numba.njit(pan_step)
 
 
 @dataclass(frozen=True)
@@ -97,11 +98,9 @@ def move(state: Any, ux: float, uy: float, command: Any, k: int, static_limit: f
     px, py, wx, wy = state[4], state[5], state[6], state[7]
     price = 0.0
     for _ in range(KNOT):
-        px, py, wx, wy = _step(px, py, wx, wy, ux, uy, static_limit, kinetic_limit, DT)
-        x += vx * DT + 0.5 * ux * DT * DT
-        y += vy * DT + 0.5 * uy * DT * DT
-        vx += ux * DT
-        vy += uy * DT
+        px, py, wx, wy = _slide_step(px, py, wx, wy, ux, uy, static_limit, kinetic_limit, DT)
+        x, vx = _pan_step(x, vx, ux, DT)
+        y, vy = _pan_step(y, vy, uy, DT)
         k += 1
         price += (px - command[k, 0]) ** 2 + (py - command[k, 1]) ** 2
         if x * x + y * y > PAN_LIMIT**2:

@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from runtime.documents.checks import FloatArray
-from runtime.physics.law import (
-    DT,
-)
+from runtime.physics.law import DT
+
+
+def pan_step(position: float, velocity: float, acceleration: float, dt: float) -> tuple[float, float]:
+    """Advance the pan by one sample along one of its axes: position (m), velocity (m/s), acceleration (m/s^2).
+
+    `integrate_pan` in plain floats, for loops over samples that move the object too; they may be compiled.
+    """
+    return position + velocity * dt + acceleration * (0.5 * dt * dt), velocity + acceleration * dt
 
 
 def integrate_pan(state: FloatArray, acceleration: FloatArray, dt: float = DT) -> FloatArray:

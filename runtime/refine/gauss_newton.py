@@ -24,6 +24,7 @@ from typing import Any
 
 from runtime.physics.law import DT, slide_step
 from runtime.physics.linearized import linearize
+from runtime.physics.pan import pan_step
 
 BLOCK = 5
 """Samples over which a change of the acceleration is constant."""
@@ -106,10 +107,8 @@ def move(
                 state[p], state[p + 1], state[p + 2], state[p + 3], last_x, last_y, friction[2 * n],
                 friction[2 * n + 1], DT,
             )  # fmt: skip
-        state[0] = x + vx * DT + last_x * (0.5 * DT * DT)
-        state[1] = y + vy * DT + last_y * (0.5 * DT * DT)
-        state[2] = vx + last_x * DT
-        state[3] = vy + last_y * DT
+        state[0], state[2] = pan_step(x, vx, last_x, DT)
+        state[1], state[3] = pan_step(y, vy, last_y, DT)
     x, y, vx, vy = state[0], state[1], state[2], state[3]
     tau = stopping(vx, vy, bound, ramps)
     distance = math.sqrt((x + tau * vx) ** 2 + (y + tau * vy) ** 2)
@@ -252,6 +251,7 @@ def solve_block(s: Column, g: Column, order: int, damping: float, gains: Column,
 
 
 FUNCTIONS = (
-    slide_step, linearize, row_size, follow_one, stopping, substitute, turn, price_reach, solve_block, move, sweep
+    slide_step, pan_step, linearize, row_size, follow_one, stopping, substitute, turn, price_reach, solve_block, move,
+    sweep,
 )  # fmt: skip
 """In the order in which they call each other."""

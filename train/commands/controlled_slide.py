@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from runtime.physics.law import DT, GRAVITY, slide_step
+from runtime.physics.pan import pan_step
 from train.commands.families import (
     TINY,
     Commands,
@@ -41,7 +42,7 @@ def physics_commands(
     return Commands(position, np.full(batch, samples), pan_position)
 
 
-_step = numba.njit(slide_step)
+_slide_step, _pan_step = numba.njit(slide_step), numba.njit(pan_step)
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]
@@ -70,8 +71,6 @@ def _controlled_slide(
                 size = max(np.sqrt(ax * ax + ay * ay), TINY)
                 ux = -ax - static_limit * ax / size
                 uy = -ay - static_limit * ay / size
-            px, py, vx, vy = _step(px, py, vx, vy, ux, uy, static_limit, kinetic_limit, DT)
-            x += wx * DT + 0.5 * ux * DT * DT
-            y += wy * DT + 0.5 * uy * DT * DT
-            wx += ux * DT
-            wy += uy * DT
+            px, py, vx, vy = _slide_step(px, py, vx, vy, ux, uy, static_limit, kinetic_limit, DT)
+            x, wx = _pan_step(x, wx, ux, DT)
+            y, wy = _pan_step(y, wy, uy, DT)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from runtime import Friction
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL, ControlSettings
 from runtime.arm.interface import ObjectStatus
-from runtime.arm.motion import plan_of_motion
 from runtime.arm.results import Results
 from runtime.arm.run import closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
@@ -58,9 +57,8 @@ def evaluate_on_arm(subject: Subject, position: FloatArray) -> dict[str, ArmRow]
     Returns:
         The rows by their names: LAW, then those of WAYS.
     """
-    plans = _plans(subject, position)
-    law = subject.decode(position, IN_PYBULLET).object_position
-    error = np.sqrt(((law - position) ** 2).sum(-1).mean(axis=1))
+    plans = subject.plan(position, NOMINAL)
+    error = np.array([plan.quality.tracking_rmse for plan in subject.plan(position, IN_PYBULLET)])
     rows = {LAW: ArmRow(float(error.mean()), float(np.median(error)), float(error.max()), 0.0, 0, 0)}
     for name, (control, closed) in WAYS.items():
         results = [_execute(subject, plan, control, closed) for plan in plans]
@@ -76,42 +74,41 @@ def evaluate_on_arm(subject: Subject, position: FloatArray) -> dict[str, ArmRow]
     return rows
 
 
-class Executed(NamedTuple):
-    """One command executed: the plan, positions (K, 2) (m; not a number once the object is lost), snapshots."""
+class Photographed(NamedTuple):
+    """A command executed for the figures: positions (K, 2) (m; not a number once the object is lost), snapshots."""
 
     name: str
-    plan: Plan
     object_position: FloatArray
     pan_position: FloatArray
     snapshots: list[NDArray[np.uint8]]
 
 
-def execute_for_figures(subject: Subject, position: FloatArray) -> Executed:
+def photograph(subject: Subject, position: FloatArray) -> Photographed:
     """Execute one (K, 2) command open loop, as the paper does, and take its pictures."""
-    (plan,) = _plans(subject, position[None])
+    (plan,) = subject.plan(position[None], NOMINAL)
     arm = SimulatedArm(Simulated(friction=IN_PYBULLET.kinetic))
     camera = Camera(arm, plan.command_position, PICTURE)
     pictures: list[NDArray[np.uint8]] = []
     moments = {round(time / plan.dt) for time in SNAPSHOTS}
 
-    def photograph(k: int, measured: object) -> None:
+    def snap(k: int, measured: object) -> None:
         if k in moments:
             pictures.append(camera.picture(k))
 
-    recording = execute(plan, arm, open_loop(plan), [photograph])
+    recording = execute(plan, arm, open_loop(plan), [snap])
     samples = len(plan)
     sliding = recording.sliding[:samples, :2]
     gone = [each.status is not ObjectStatus.ON_PAN for each in recording.measured[:samples]]
     sliding[np.maximum.accumulate(gone)] = np.nan
-    return Executed(subject.name, plan, sliding, recording.pan[:samples, :2], pictures)
+    return Photographed(subject.name, sliding, recording.pan[:samples, :2], pictures)
 
 
-def draw_snapshots(figure_class: Any, executed: Sequence[Executed]) -> Any:
+def draw_snapshots(figure_class: Any, runs: Sequence[Photographed]) -> Any:
     """Fig. 10: a row of pictures for each model."""
     columns = len(SNAPSHOTS)
-    figure = figure_class(figsize=(3.0 * columns, 2.35 * len(executed) + 0.3), layout="constrained")
-    grid = np.reshape(figure.subplots(len(executed), columns), (len(executed), columns))
-    for row, each in zip(grid, executed, strict=True):
+    figure = figure_class(figsize=(3.0 * columns, 2.35 * len(runs) + 0.3), layout="constrained")
+    grid = np.reshape(figure.subplots(len(runs), columns), (len(runs), columns))
+    for row, each in zip(grid, runs, strict=True):
         for axes, time, picture in zip(row, SNAPSHOTS, each.snapshots, strict=True):
             axes.imshow(picture)
             axes.set(xticks=[], yticks=[], title=f"{each.name}, {time:g} s")
@@ -132,12 +129,6 @@ def arm_table(rows_of: Mapping[str, Mapping[str, ArmRow]]) -> str:
                 f"| {1e3 * row.rmse_worst:.1f} mm | {pan} | {'-' if way == LAW else row.lost} |"
             )
     return "\n".join(lines)
-
-
-def _plans(subject: Subject, position: FloatArray) -> list[Plan]:
-    """Decode (B, K, 2) commands for the friction the networks are evaluated with."""
-    u = subject.decode(position, NOMINAL).u
-    return [plan_of_motion(one, NOMINAL, subject.name, command) for one, command in zip(u, position, strict=True)]
 
 
 def _execute(subject: Subject, plan: Plan, control: ControlSettings, closed: bool) -> Results:

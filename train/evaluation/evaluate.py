@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from runtime import Friction, Planner
+from runtime import Friction, Plan, Planner
+from runtime.arm.motion import plan_of_motion
 from runtime.arm.run import Follower
 from runtime.network.manifest import Manifest
 from train.batches.batches import Batch, make_batch
@@ -27,27 +28,19 @@ SPEED = 0.7
 NOMINAL = Friction()
 
 
-class Motions(NamedTuple):
-    """What a network made of B commands, on the commands' time line, all (B, K, 2): u in m/s^2, positions in m."""
-
-    u: FloatArray
-    pan_position: FloatArray
-    object_position: FloatArray
-
-
 class Subject(NamedTuple):
     """A network under evaluation.
 
     Attributes:
         name: what it is called.
-        decode: decodes (B, K, 2) commands under a friction.
+        plan: plans (B, K, 2) commands under a friction.
         follow: begins to follow a (K, 2) command from measured states.
         chunk: samples it decodes at a time, C.
         origin: how it came about, for people: its training and the limits it is decoded with.
     """
 
     name: str
-    decode: Callable[[FloatArray, Friction], Motions]
+    plan: Callable[[FloatArray, Friction], list[Plan]]
     follow: Callable[[FloatArray], Follower]
     chunk: int
     origin: str
@@ -80,30 +73,24 @@ def load_subject(source: Path, name: str = "") -> Subject:
         planner = Planner(source)
         manifest = planner.bundle.manifest
 
-        def decode_bundle(position: FloatArray, friction: Friction) -> Motions:
-            plans = planner.plan_batch(list(position), friction=friction)
-            return Motions(
-                np.stack([plan.pan_acceleration for plan in plans]),
-                np.stack([plan.pan_position for plan in plans]),
-                np.stack([plan.object_position for plan in plans]),
-            )
+        def plan_by_bundle(position: FloatArray, friction: Friction) -> list[Plan]:
+            return planner.plan_batch(list(position), friction)
 
         origin = f"{_origin_of(manifest)}; limits in force"
-        return Subject(name, decode_bundle, planner.stream, manifest.chunk, origin)
+        return Subject(name, plan_by_bundle, planner.stream, manifest.chunk, origin)
 
     checkpoint = load_checkpoint(source)
     config, model = load_model(checkpoint)
 
-    def decode_network(position: FloatArray, friction: Friction) -> Motions:
-        batch, samples = position.shape[:2]
+    def plan_by_network(position: FloatArray, friction: Friction) -> list[Plan]:
         inputs = _held(position, config.chunk, friction)
         with torch.no_grad():
-            motion = decode(model, inputs.command, inputs.static, inputs.kinetic)
-        states = np.concatenate([np.zeros((batch, 1, 8)), motion.states.numpy()], axis=1)[:, :samples]
-        return Motions(motion.u.numpy()[:, :samples], states[..., 0:2], states[..., 4:6])
+            u = decode(model, inputs.command, inputs.static, inputs.kinetic).u.numpy()
+        samples = position.shape[1]
+        return [plan_of_motion(one[:samples], friction, name, each) for one, each in zip(u, position, strict=True)]
 
     origin = f"{_trained(config, checkpoint['epoch'], checkpoint.get('began_with'))}; no limits"
-    return Subject(name, decode_network, lambda position: NetworkStream(model, position), config.chunk, origin)
+    return Subject(name, plan_by_network, lambda position: NetworkStream(model, position), config.chunk, origin)
 
 
 def _origin_of(manifest: Manifest) -> str:
@@ -161,25 +148,23 @@ def commands_of(family: str, count: int = COMMANDS, seed: int = SEED) -> FloatAr
     return free_commands(rng, count, SAMPLES, {family: 1.0}, REACH, SPEED, 1).position
 
 
-def tracking_rmse(object_position: FloatArray, position: FloatArray) -> FloatArray:
-    """RMS over time of the distance between object and command, (B,) in metres."""
-    squared = ((object_position - position) ** 2).sum(-1)
-    return np.asarray(np.sqrt(squared.mean(axis=1)))
+def still_rmse(position: FloatArray) -> FloatArray:
+    """RMS over time of the distance that a pan that never moves leaves between object and command, (B,) in metres."""
+    return np.asarray(np.sqrt((position**2).sum(-1).mean(axis=1)))
 
 
 def evaluate(subject: Subject, family: str, friction: Friction = NOMINAL) -> Row:
     """Evaluate a network on one family of commands."""
     position = commands_of(family)
-    motions = subject.decode(position, friction)
-    error = tracking_rmse(motions.object_position, position)
-    still = tracking_rmse(np.zeros_like(position), position)
-    reach = np.linalg.norm(motions.pan_position, axis=-1).max(axis=1)
-    change = np.linalg.norm(np.diff(motions.u, axis=1), axis=-1).mean()
+    plans = subject.plan(position, friction)
+    error = np.array([plan.quality.tracking_rmse for plan in plans])
+    reach = np.array([plan.quality.pan_reach for plan in plans])
+    change = np.mean([np.linalg.norm(np.diff(plan.pan_acceleration, axis=0), axis=-1).mean() for plan in plans])
     return Row(
         float(error.mean()),
         float(np.median(error)),
         float(error.max()),
-        float(still.mean()),
+        float(still_rmse(position).mean()),
         float(reach.mean()),
         float(reach.max()),
         float(change),

@@ -13,9 +13,9 @@ from runtime import Friction
 from runtime.cli.console import MM
 from runtime.errors import MissingExtraError, OutputError, install_line
 from train.commands.families import FloatArray
-from train.evaluation import arm as arm
+from train.evaluation import arm
 from train.evaluation.arm import ArmRow
-from train.evaluation.evaluate import Subject, commands_of, evaluate, tracking_rmse
+from train.evaluation.evaluate import Subject, commands_of, evaluate, still_rmse
 
 ArmRows = Mapping[str, Mapping[str, ArmRow]]
 """By a model's name, then by the way it was executed."""
@@ -78,8 +78,8 @@ def _trajectories(figure_class: Any, subjects: Sequence[Subject]) -> Any:
     position = commands_of(FAMILY)[SHOWN : SHOWN + 1]
     drawn = []
     for subject in subjects:
-        motions = subject.decode(position, Friction())
-        drawn.append((subject.name, motions.object_position[0], motions.pan_position[0]))
+        (plan,) = subject.plan(position, Friction())
+        drawn.append((subject.name, plan.object_position, plan.pan_position))
     return _draw_models(figure_class, position[0], drawn)
 
 
@@ -120,7 +120,7 @@ def _friction(figure_class: Any, subjects: Sequence[Subject]) -> Any:
     figure = figure_class(figsize=(4.2 * len(subjects), 3.9), layout="constrained")
     # Logarithmic, for models are apart by more than ten times; a still pan's error is the yardstick, far beyond which
     # there is nothing to tell.
-    still = tracking_rmse(np.zeros_like(position), position).mean()
+    still = still_rmse(position).mean()
     highest = STILL_PANS * MM * float(still)
     for axes, subject, table in zip(np.atleast_1d(figure.subplots(1, len(subjects))), subjects, tables, strict=True):
         image = axes.imshow(table, origin="lower", norm=LogNorm(LOWEST, highest, clip=True), cmap="viridis")
@@ -141,18 +141,18 @@ def _friction_table(subject: Subject, position: FloatArray) -> FloatArray:
     for row, kinetic in enumerate(KINETIC):
         for column, static in enumerate(STATIC):
             if kinetic <= static:
-                motions = subject.decode(position, Friction(static, kinetic))
-                table[row, column] = MM * tracking_rmse(motions.object_position, position).mean()
+                plans = subject.plan(position, Friction(static, kinetic))
+                table[row, column] = MM * np.mean([plan.quality.tracking_rmse for plan in plans])
     return table
 
 
 def _arm(figure_class: Any, subjects: Sequence[Subject], arm_rows: ArmRows) -> tuple[dict[str, Any], str]:
     """Figs. 9 and 10, and a table: what the arm in pybullet makes of the models."""
-    executed = [arm.execute_for_figures(subject, commands_of(FAMILY)[SHOWN]) for subject in subjects]
-    drawn = [(each.name, each.object_position, each.pan_position) for each in executed]
+    runs = [arm.photograph(subject, commands_of(FAMILY)[SHOWN]) for subject in subjects]
+    drawn = [(each.name, each.object_position, each.pan_position) for each in runs]
     figures = {
         "reproduction-arm-trajectories.png": _draw_models(figure_class, commands_of(FAMILY)[SHOWN], drawn),
-        "reproduction-arm-snapshots.png": arm.draw_snapshots(figure_class, executed),
+        "reproduction-arm-snapshots.png": arm.draw_snapshots(figure_class, runs),
     }
     return (
         figures,
@@ -194,7 +194,7 @@ def _document(subjects: Sequence[Subject]) -> str:
             f"| {row.change_mean:.2f} m/s² |"
         )
     position = commands_of(FAMILY)
-    still = float(tracking_rmse(np.zeros_like(position), position).mean())
+    still = float(still_rmse(position).mean())
     return f"""# The paper's evaluation, reproduced
 
 Written by `slide-eval RUN ... --reproduce docs/results`; figures over 64 commands whose acceleration is a B-spline

@@ -29,7 +29,7 @@ from train.learn.parallel import mean_over_processes, processes, rank, share
 from train.learn.validation import tracking, validate
 from train.network.checkpoint import CHECKPOINT, CHECKPOINT_FORMAT, build_model
 from train.network.model import Seq2Seq
-from train.physics.closed_loop import Motion, decode
+from train.physics.closed_loop import Prediction, decode
 
 SKIP_WINDOW = 100
 """Number of recent steps over which skipped ones are counted."""
@@ -65,7 +65,7 @@ class Decoding(nn.Module):
         super().__init__()
         self.model = model
 
-    def forward(self, *arguments: Any) -> Motion:
+    def forward(self, *arguments: Any) -> Prediction:
         """Decode in closed loop; see `decode`."""
         return decode(self.model, *arguments)
 

@@ -11,8 +11,14 @@ from train.network.model import Seq2Seq
 from train.physics.rollout import rollout
 
 
-class Motion(NamedTuple):
-    """What a decoding produced, all float64: states (B, K, 8) after each sample, u (B, K, 2), covariance (B, K, 3)."""
+class Prediction(NamedTuple):
+    """What a network makes of B commands, all float64.
+
+    Attributes:
+        states: (B, K, 8) of pan and object after each sample (m, m/s).
+        u: (B, K, 2) pan accelerations (m/s^2).
+        covariance: (B, K, 3) xx, xy, yy of the accelerations ((m/s^2)^2).
+    """
 
     states: Tensor
     u: Tensor
@@ -32,7 +38,7 @@ def decode(
     through_contact: bool = True,
     before: Tensor | None = None,
     noise: Tensor | None = None,
-) -> Motion:
+) -> Prediction:
     """Encode `command` and decode it in closed loop (Section II-C), chunk by chunk.
 
     Args:
@@ -46,7 +52,7 @@ def decode(
         noise: (B, K, 8) added to the states as the network sees them, not to the states; none if None.
 
     Returns:
-        The motion; its rows are the states after each sample, so row K - 1 is the state at t_K.
+        The prediction; its rows are the states after each sample, so row K - 1 is the state at t_K.
     """
     batch, samples, _ = command.shape
     chunk = model.chunk
@@ -69,4 +75,4 @@ def decode(
             start = seen[:, -1]
         if noise is not None:
             seen = seen + noise[:, n * chunk : (n + 1) * chunk]
-    return Motion(torch.cat(moved, 1), torch.cat(accelerations, 1), torch.cat(covariances, 1))
+    return Prediction(torch.cat(moved, 1), torch.cat(accelerations, 1), torch.cat(covariances, 1))

@@ -7,6 +7,7 @@ from typing import Any
 
 from runtime.physics.law import slide_step
 from runtime.physics.linearized import lift_equivalent, linearize
+from runtime.physics.pan import pan_step
 
 
 def make_rollout(compiler: Callable[[Any], Any]) -> tuple[Any, Any]:
@@ -21,25 +22,21 @@ def make_rollout(compiler: Callable[[Any], Any]) -> tuple[Any, Any]:
         grad_start[b] and grad_u[b]. Shapes: start (B, 10), u (B, n, 3), static, kinetic and gravity (B,), states
         (B, n, 10).
     """
-    step = compiler(slide_step)
+    step, pan = compiler(slide_step), compiler(pan_step)
     linear = compiler(linearize)
     lift = compiler(lift_equivalent)
 
     @compiler
     def forward(b, start, u, static, kinetic, gravity, dt, states):  # type: ignore[no-untyped-def]
-        half = 0.5 * dt * dt
         x, y, z, vx, vy, vz = start[b, 0], start[b, 1], start[b, 2], start[b, 3], start[b, 4], start[b, 5]
         px, py, wx, wy = start[b, 6], start[b, 7], start[b, 8], start[b, 9]
         for k in range(u.shape[1]):
             ux, uy, uz = u[b, k, 0], u[b, k, 1], u[b, k, 2]
             normal = gravity[b] + uz
             px, py, wx, wy = step(px, py, wx, wy, ux, uy, static[b] * normal, kinetic[b] * normal, dt)
-            x += vx * dt + ux * half
-            y += vy * dt + uy * half
-            z += vz * dt + uz * half
-            vx += ux * dt
-            vy += uy * dt
-            vz += uz * dt
+            x, vx = pan(x, vx, ux, dt)
+            y, vy = pan(y, vy, uy, dt)
+            z, vz = pan(z, vz, uz, dt)
             states[b, k, 0], states[b, k, 1], states[b, k, 2] = x, y, z
             states[b, k, 3], states[b, k, 4], states[b, k, 5] = vx, vy, vz
             states[b, k, 6], states[b, k, 7], states[b, k, 8], states[b, k, 9] = px, py, wx, wy

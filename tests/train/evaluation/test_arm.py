@@ -32,7 +32,7 @@ def test_stream_of_a_network_is_its_decoding():
 def test_a_model_is_executed_in_every_way_and_drawn():
     pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
     figure = pytest.importorskip("matplotlib.figure")
-    from train.evaluation import arm as arm
+    from train.evaluation import arm
 
     subject = load_subject(DEFAULT_BUNDLE)
     position = commands_of("spline_acceleration", 1)
@@ -42,7 +42,7 @@ def test_a_model_is_executed_in_every_way_and_drawn():
     assert rows["open loop, paper control"].pan_worst > 10 * rows["open loop"].pan_worst
     assert len(arm.arm_table({"default": rows}).splitlines()) == 2 + len(rows)
 
-    executed = arm.execute_for_figures(subject, position[0])
-    assert executed.object_position.shape == executed.pan_position.shape == position[0].shape
-    assert [picture.shape for picture in executed.snapshots] == [(360, 480, 3)] * len(arm.SNAPSHOTS)
-    assert len(arm.draw_snapshots(figure.Figure, [executed, executed]).axes) == 2 * len(arm.SNAPSHOTS)
+    run = arm.photograph(subject, position[0])
+    assert run.object_position.shape == run.pan_position.shape == position[0].shape
+    assert [picture.shape for picture in run.snapshots] == [(360, 480, 3)] * len(arm.SNAPSHOTS)
+    assert len(arm.draw_snapshots(figure.Figure, [run, run]).axes) == 2 * len(arm.SNAPSHOTS)
