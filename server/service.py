@@ -65,14 +65,8 @@ class Service:
 
     @property
     def planner(self) -> Planner:
-        """What streams are followed with.
-
-        Raises:
-            Problem: `not-ready` or `stopping`.
-        """
-        self.check_ready()
-        assert self._planner is not None
-        return self._planner
+        """What streams are followed with; raises as `dispatcher`."""
+        return self._when_ready()[0]
 
     @property
     def dispatcher(self) -> Dispatcher:
@@ -81,20 +75,19 @@ class Service:
         Raises:
             Problem: `not-ready` or `stopping`.
         """
-        self.check_ready()
-        assert self._dispatcher is not None
-        return self._dispatcher
+        return self._when_ready()[1]
 
-    def check_ready(self) -> None:
-        """Check that new work can be taken.
+    def _when_ready(self) -> tuple[Planner, Dispatcher]:
+        """Return what plans, if new work can be taken.
 
         Raises:
             Problem: `not-ready` or `stopping`.
         """
         if self.stopping:
             raise Problem("stopping", headers={"Retry-After": "1"})
-        if self._dispatcher is None or self._dispatcher.process is None:
+        if self._planner is None or self._dispatcher is None or self._dispatcher.process is None:
             raise Problem("not-ready", headers={"Retry-After": "1"})
+        return self._planner, self._dispatcher
 
     def check_room(self) -> None:
         """Check that one request more can be planned.

@@ -41,6 +41,7 @@ class Settings(BaseSettings):
     max_queue: int = Field(64, ge=1, le=4096, description="Most commands that wait to be planned.")
     max_batch: int = Field(24, ge=1, le=256, description="Most commands planned together.")
     max_refine_ms: float = Field(200.0, ge=0.0, le=10_000.0, description="Longest refinement of a plan (ms).")
+    max_candidates: int = Field(16, ge=1, le=256, description="Most candidates of one plan.")
     batch_window_ms: float = Field(2.0, ge=0.0, le=100.0, description="Longest wait for company under load (ms).")
     max_wait: float = Field(0.55, gt=0.0, le=600.0, description="Longest wait of a command for its turn (s).")
     deadline: float = Field(5.0, gt=0.0, le=600.0, description="Longest time until a plan is ready (s).")

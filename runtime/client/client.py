@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike
 
 from runtime.client.request import command_document, options_document
 from runtime.client.stream import RemoteStream, problem_text
+from runtime.command import Command
 from runtime.documents.files import parse_json
 from runtime.errors import InputError, ServerError, extra
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.plan import Plan
+from runtime.sizes import Sizes
 from runtime.start import Start
 
 
@@ -44,32 +46,45 @@ class Client(AbstractContextManager["Client"]):
 
     def plan(
         self,
-        position: ArrayLike,
+        position: Command | ArrayLike,
         friction: Friction | None = None,
         *,
         limits: Limits | None = None,
         start: Start | None = None,
-        refine_ms: float | None = None,
+        sizes: Sizes | None = None,
         tolerance: float | None = None,
+        candidates: int | None = None,
+        robust: float | None = None,
+        refine_ms: float | None = None,
     ) -> Plan:
         """Plan for one command; the arguments are those of `Planner.plan`.
 
         Raises:
-            InputError: a position is no finite number, or the limits are not finite.
+            InputError: a position or an option is no finite number, or the limits are not finite.
             ServerError: the server cannot be reached or refuses; what it says is passed on.
         """
-        request = {"command": command_document(position), **options_document(friction, limits, start)}
-        request |= {name: it for name, it in (("refine_ms", refine_ms), ("tolerance", tolerance)) if it is not None}
+        options = options_document(
+            friction=friction,
+            limits=limits,
+            start=start,
+            sizes=sizes,
+            tolerance=tolerance,
+            candidates=candidates,
+            robust=robust,
+            refine_ms=refine_ms,
+        )
+        request = {"command": command_document(position), **options}
         with self._asking():
             return self._read(self._http.post("/plan", json=request))
 
     def plans(
         self,
-        positions: Iterable[ArrayLike],
+        positions: Iterable[Command | ArrayLike],
         friction: Friction | None = None,
         *,
         limits: Limits | None = None,
         start: Start | None = None,
+        sizes: Sizes | None = None,
     ) -> Iterator[Plan]:
         """Plan for many commands; each plan is yielded as soon as it is there, in the order of the commands.
 
@@ -78,7 +93,8 @@ class Client(AbstractContextManager["Client"]):
             ServerError: as for `plan`, or one command could not be planned.
         """
         commands = [command_document(position) for position in positions]
-        request = {"commands": commands, **options_document(friction, limits, start)}
+        options = options_document(friction=friction, limits=limits, start=start, sizes=sizes)
+        request = {"commands": commands, **options}
         with self._asking(), self._http.stream("POST", "/plans", json=request) as response:
             if response.is_error:
                 response.read()
@@ -86,7 +102,7 @@ class Client(AbstractContextManager["Client"]):
             for line in response.iter_lines():
                 yield self._plan(parse_json(line))
 
-    def stream(self, position: ArrayLike, friction: Friction | None = None, **options: Any) -> RemoteStream:
+    def stream(self, position: Command | ArrayLike, friction: Friction | None = None, **options: Any) -> RemoteStream:
         """Follow a command with a controller that measures; see `RemoteStream`."""
         return RemoteStream(self._url, position, friction, token=self._token, **options)
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_step, unpack_chunk
 from runtime.client.request import command_document, options_document
+from runtime.command import Command
 from runtime.documents.checks import FloatArray, fields, table
 from runtime.documents.files import parse_json
 from runtime.errors import InputError, ServerError, extra
@@ -32,7 +33,7 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
 
     Args:
         url: of the server, as in http://127.0.0.1:8000.
-        position: (K, 2) where the object should be, relative to the pan (m), at 1 kHz.
+        position: a Command, or (K, 2) where the object should be, relative to the pan (m), at 1 kHz.
         friction, limits, start: as for `Planner.stream`; the server's if None.
         token: the server's bearer token, if it wants one.
         packed: send float32, which is less and rounded, instead of JSON.
@@ -52,7 +53,7 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
     def __init__(
         self,
         url: str,
-        position: ArrayLike,
+        position: Command | ArrayLike,
         friction: Friction | None = None,
         *,
         limits: Limits | None = None,
@@ -68,7 +69,7 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
             "format": STREAM_FORMAT,
             "command": command_document(position),
             "packed": packed,
-            **options_document(friction, limits, start),
+            **options_document(friction=friction, limits=limits, start=start),
         }
         self._stack = ExitStack()
         self._socket = _connect(url, token, timeout, self._stack)

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
 
-from runtime import Command, Friction, InputError, Reading, Start
+from runtime import Command, Friction, InputError, Reading, Sizes, Start
 from runtime.errors import place_text, within
 from runtime.network.manifest import Manifest
 from runtime.physics.law import DT
@@ -116,10 +116,26 @@ class Options(Strict):
     start: StartRequest | None = None
 
 
+class SizesRequest(Strict):
+    """Radii of the pan and of the object on it."""
+
+    pan_radius: Positive = Field(Sizes.pan_radius, description="(m)")
+    object_radius: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        Sizes.object_radius, description="(m); 0 for a point."
+    )
+
+
 class PlanRequest(Options):
     """One command to be planned."""
 
     command: CommandRequest
+    sizes: SizesRequest | None = None
+    candidates: Annotated[int, Field(ge=1)] | None = Field(
+        None, description="Plans to make, of the command turned and mirrored, and to keep the best of."
+    )
+    robust: Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False)] | None = Field(
+        None, description="Share by which the friction may be off, to judge candidates and refinement by."
+    )
     refine_ms: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
         None, description="Time to spend on making the plan better (ms)."
     )
@@ -130,6 +146,7 @@ class PlansRequest(Options):
     """Many commands to be planned, all with the same options."""
 
     commands: Annotated[list[CommandRequest], FailFast(), Field(min_length=1)]
+    sizes: SizesRequest | None = None
 
 
 def read(model: type[Model], body: bytes) -> Model:
@@ -206,11 +223,23 @@ def to_job(options: Options, command: Command, manifest: Manifest, settings: Set
             limits = replace(limits, **options.limits.model_dump(exclude_none=True))
     if options.start is not None:
         start = to_start(options.start)
+    sizes = Sizes()
+    if isinstance(options, (PlanRequest, PlansRequest)) and options.sizes is not None:
+        with within("sizes"):
+            sizes = Sizes(**options.sizes.model_dump())
+    job = PlanJob(command, friction, limits, start, sizes)
     if not isinstance(options, PlanRequest):
-        return PlanJob(command, friction, limits, start)
+        return job
     if options.refine_ms is not None and options.refine_ms > settings.max_refine_ms:
         raise InputError(f"at most {settings.max_refine_ms:g} ms are spent", "refine_ms")
-    return PlanJob(command, friction, limits, start, options.refine_ms or None, options.tolerance)
+    if options.candidates is not None and options.candidates > settings.max_candidates:
+        raise InputError(f"at most {settings.max_candidates} candidates are made", "candidates")
+    return job._replace(
+        tolerance=options.tolerance,
+        candidates=options.candidates,
+        robust=options.robust,
+        refine_ms=options.refine_ms or None,
+    )
 
 
 def to_start(request: StartRequest) -> Start:

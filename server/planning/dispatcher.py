@@ -63,8 +63,7 @@ class QueuedJob:
     def fits(self, other: QueuedJob) -> bool:
         """Whether both can be planned in one batch."""
         mine, its = self.job, other.job
-        together = mine.refine_ms is None and its.refine_ms is None and mine.tolerance == its.tolerance
-        return together and self.chunks == other.chunks
+        return not mine.alone and not its.alone and mine.tolerance == its.tolerance and self.chunks == other.chunks
 
     def finish(self, result: WrittenPlan | Problem) -> None:
         """Give the result, unless there is one, or nobody waits for it any more."""

@@ -11,7 +11,7 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
-from runtime import Command, Friction, InputError, Limits, Start
+from runtime import Command, Friction, InputError, Limits, Sizes, Start
 
 LENGTHS = struct.Struct("<QQ")
 """Lengths (bytes) of a message and of what follows it."""
@@ -38,9 +38,7 @@ class PlanJob(NamedTuple):
     """One command to be planned, in the runtime's terms; a list of them is one batch.
 
     Attributes:
-        command, friction, limits, start: as for `Planner.plan`.
-        refine_ms: time to spend on making the plan better (ms).
-        tolerance: tracking RMSE to hold the plan against (m).
+        command, friction, limits, start, sizes, tolerance, candidates, robust, refine_ms: as for `Planner.plan`.
         npz: whether the plan is written as npz; as JSON otherwise.
     """
 
@@ -48,9 +46,17 @@ class PlanJob(NamedTuple):
     friction: Friction
     limits: Limits
     start: Start
-    refine_ms: float | None = None
+    sizes: Sizes
     tolerance: float | None = None
+    candidates: int | None = None
+    robust: float | None = None
+    refine_ms: float | None = None
     npz: bool = False
+
+    @property
+    def alone(self) -> bool:
+        """Whether no other job can be planned together with this one."""
+        return self.candidates is not None or self.refine_ms is not None
 
 
 class PlanReply(NamedTuple):

@@ -33,6 +33,9 @@ GOLDEN_REACH = 0.05
 GOLDEN_SAMPLES = 777
 """The golden command: a minimum-jerk move of this length (m) in so many samples, which is no multiple of a chunk."""
 
+PLAN_OPTIONS = ("limits", "start", "sizes", "tolerance", "candidates", "robust", "refine_ms")
+"""What of a job `Planner.plan` takes by name."""
+
 AGREEMENT = 1e-6
 """Largest distance (m) between a plan made alone and the same one made in a batch."""
 
@@ -105,13 +108,17 @@ class Worker:
 
     def _plans(self, jobs: list[PlanJob]) -> list[Plan]:
         if len(jobs) == 1:
-            command, friction, limits, start, refine_ms, tolerance, _ = jobs[0]
-            plan = self._planner.plan(
-                command, friction, limits=limits, start=start, refine_ms=refine_ms, tolerance=tolerance
-            )
-            return [plan]
-        commands, frictions, limits_of, starts, _, tolerances, _ = zip(*jobs, strict=True)
-        return self._planner.plan_batch(commands, frictions, limits=limits_of, start=starts, tolerance=tolerances[0])
+            command, friction, *_ = jobs[0]
+            options = jobs[0]._asdict()
+            return [self._planner.plan(command, friction, **{name: options[name] for name in PLAN_OPTIONS})]
+        return self._planner.plan_batch(
+            [job.command for job in jobs],
+            [job.friction for job in jobs],
+            limits=[job.limits for job in jobs],
+            start=[job.start for job in jobs],
+            sizes=[job.sizes for job in jobs],
+            tolerance=jobs[0].tolerance,
+        )
 
     def _receive(self) -> Any:
         """Return the next message.

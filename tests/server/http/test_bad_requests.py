@@ -194,6 +194,11 @@ def test_problem_says_the_place_of_the_fault(server: Any) -> None:
     assert place(start={"pan_position": [5.0, 0.0]})[0] == "start"
     assert place(start={"pan_position": [0.0, 1e9]})[0] == "start.pan_position"
     assert place(refine_ms=3.6e6)[0] == "refine_ms"
+    assert place(candidates=200)[0] == "candidates"
+    assert place(candidates=1.5)[0] == "candidates"
+    assert place(robust=1.0)[0] == "robust"
+    assert place(sizes={"pan_radius": 99.0})[0] == "sizes.pan_radius"
+    assert place(sizes={"object_radius": 0.18})[0] == "sizes.object_radius"
     assert place(command={"t": [0.0, 0.2, 0.1], "position": [[0, 0]] * 3})[0] == "command.t[2]"
     many = server.post("/plans", json={"commands": [GOOD["command"], {"dt": 0.001, "position": [[0, 0], [0, 1000]]}]})
     assert many.json()["place"] == "commands[1].position[1][1]"

@@ -198,7 +198,10 @@ def test_client_names_what_is_wrong(server: Any) -> None:
         RemoteStream("127.0.0.1:1", np.zeros((5, 2)))
     with pytest.raises(ServerError, match="cannot be reached"), Client("http://127.0.0.1:1") as client:
         client.plan(np.zeros((5, 2)))
-    with Client(server.url) as client, pytest.raises(ServerError, match=r"command\.position: position jumps by 1 m"):
+    with (
+        Client(server.url) as client,
+        pytest.raises(ServerError, match=r"command\.position\[1\]\[0\]: the command goes 1 m"),
+    ):
         client.plan([[0.0, 0.0], [1.0, 0.0]])
     with Client(server.url) as client, pytest.raises(InputError, match=r"position\[1\], column y: nan"):
         client.plan([[0.0, 0.0], [0.0, np.nan]])
