@@ -172,6 +172,19 @@ def test_standard_input_is_read_as_a_file_is(monkeypatch: pytest.MonkeyPatch) ->
         Command.load("-")
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "  "])
+def test_a_long_table_is_what_its_rows_are_one_by_one(tmp_path: Path, delimiter: str) -> None:
+    position = np.random.default_rng(1).normal(0.0, 1e-3, (6000, 2)).round(7)
+    rows = [delimiter.join(map(repr, (k / 1e3, *row))) for k, row in enumerate(position.tolist())]
+    (tmp_path / "a.csv").write_text("\n".join([delimiter.join("txy"), *rows, ""]))
+    assert np.array_equal(Command.load(tmp_path / "a.csv").position, position)
+    for row, message in (("5.4,0", "has 2 cells, the header has 3"), ("5.4,nan,0", "column x: nan is not a finite")):
+        rows[5400] = row.replace(",", delimiter)
+        (tmp_path / "b.csv").write_text("\n".join([delimiter.join("txy"), *rows]))
+        with pytest.raises(FormatError, match=f"line 5402(:|,) {message}"):
+            Command.load(tmp_path / "b.csv")
+
+
 def test_options_of_the_caller_count_before_those_of_the_document() -> None:
     document = json.loads((DATA / "options.json").read_text())
     assert len(Command.from_dict(document, reading=Reading(rate=20.0))) == 2001
