@@ -36,7 +36,7 @@ def test_place_and_its_text_are_two_forms_of_one_path(place: Place, text: str) -
         (lambda: Command.from_samples([*POINTS, [0.0]]), ("position", 3)),
         (lambda: Command.from_samples([*POINTS, [0.0, float("nan")]]), ("position", 3, 1)),
         (lambda: Command.from_samples([*POINTS, [0.0, 1e3]]), ("position", 3, 1)),
-        (lambda: Command.from_samples([*POINTS, [1.0, 0.0]]), ("position",)),
+        (lambda: Command.from_samples([*POINTS, [0.3, 0.0]]), ("position", 3)),
         (lambda: Command.from_samples(POINTS, 0.0), ("dt",)),
         (lambda: Command.from_waypoints([0.0, 0.2, 0.1], POINTS), ("t", 2)),
         (lambda: Command.from_waypoints([0.0, 0.2], POINTS), ("t",)),
