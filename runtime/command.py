@@ -5,11 +5,11 @@ Positions are metres relative to the pan, 1 kHz. The object starts at the first 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -79,6 +79,9 @@ class Command:
             )
         position.setflags(write=False)
         object.__setattr__(self, "position", position)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))  # read-only after pickling too
 
     def __len__(self) -> int:
         """Return the number of samples, K."""

@@ -45,7 +45,7 @@ Value = TypeVar("Value", Friction, Limits, Start, Sizes)
 
 
 class Planner:
-    """Plans with one bundle; may be used from several threads.
+    """Plans with one bundle; may be used from several threads, and handed to other processes: see `Bundle`.
 
     Args:
         path: the bundle's folder, or the name of a shipped one; `default` if None.

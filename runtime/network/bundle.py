@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -64,13 +64,17 @@ class LstmState(NamedTuple):
 class Bundle:
     """A loaded bundle; its two methods may be called from several threads.
 
+    It is pickled and copied as its path and its hash: whoever unpickles it loads it anew, and refuses one that changed.
+
     Attributes:
+        path: its folder, absolute.
         manifest: what the bundle says of itself, checked.
         sha256: of the manifest's bytes, and so of everything: it carries the hashes of the graphs.
         sizes: of the graphs (bytes).
         sessions: of the graphs, by name.
     """
 
+    path: Path
     manifest: Manifest
     sha256: str
     sizes: Mapping[str, int]
@@ -110,9 +114,12 @@ class Bundle:
             sizes[name] = len(model)
             sessions[name] = _session(model, source)
             _check_inputs_and_outputs(sessions[name], name, manifest, source)
-        bundle = cls(manifest, loaded, sizes, sessions)
+        bundle = cls(path.absolute(), manifest, loaded, sizes, sessions)
         bundle._try_out(str(path))
         return bundle
+
+    def __reduce__(self) -> tuple[Callable[..., Self], tuple[str, str]]:
+        return type(self).load, (str(self.path), self.sha256)
 
     def encode(self, command: Float32Array) -> LstmState:
         """Read commands, (B, chunks, 4C); the decoder starts from the state it leaves."""
