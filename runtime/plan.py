@@ -7,27 +7,35 @@ answer and the input of every replay, all the same.
 
 from __future__ import annotations
 
-import io
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from runtime.documents.checks import FloatArray, check_format, fields, number, table, text
 from runtime.documents.files import parse_json, parse_npz, read_bytes, read_text, reading
 from runtime.documents.writing import write_whole
-from runtime.errors import InputError, OutputError
+from runtime.errors import InputError
 from runtime.friction import Friction
+from runtime.outputs.csv_file import to_csv
+from runtime.outputs.formats import FORMATS, format_of
+from runtime.outputs.frame import to_dataframe
+from runtime.outputs.json_file import listed
+from runtime.outputs.notebook import summary, to_html
+from runtime.outputs.npz_file import from_npz, to_npz
+from runtime.outputs.plot import plot
 from runtime.physics.law import DT, rollout
 from runtime.physics.motion import Motion, tracking_error
 from runtime.quality import Quality, Status
 from runtime.sizes import Sizes
 
-__all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "check_suffix", "tracking_error"]
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+__all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "tracking_error"]
 
 PLAN_FORMAT = "slide-plan/1"
 
@@ -117,7 +125,7 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document; every float keeps all its digits."""
-        return _listed(self.document())
+        return listed(self.document())
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document with the arrays as they are, for writers that know arrays."""
@@ -139,9 +147,45 @@ class Plan:
 
     def to_npz(self) -> bytes:
         """Return the document as the bytes of an npz file: arrays with dotted names."""
-        buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **_flatten(self.document()))
-        return buffer.getvalue()
+        return to_npz(self.document())
+
+    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
+        """Return the plan as a table in CSV: a row for each sample, then those of the stop; see the formats' reference.
+
+        Args:
+            path: file to write it to as well, whatever its suffix.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        data = to_csv(self.document())
+        if path is not None:
+            write_whole(Path(path), data)
+        return data.decode("ascii")
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the same table as a DataFrame of pandas, whose index is the time (s).
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        return to_dataframe(self.document())
+
+    def plot(self) -> Figure:
+        """Draw where object and pan go, and how fast, within which limits; gives matplotlib's figure.
+
+        Raises:
+            MissingExtraError: matplotlib is not installed.
+        """
+        return plot(self.document())
+
+    def __repr__(self) -> str:
+        """Return one line: how long, how good, of which model."""
+        return f"<{summary(self.document())}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the picture and the figures."""
+        return to_html(self.document())
 
     @classmethod
     def from_dict(cls, document: object, source: str = "plan") -> Self:
@@ -192,18 +236,16 @@ class Plan:
             )
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the plan as `.json` or `.npz`, by the suffix; the file appears whole or not at all.
+        """Write the plan as `.json`, `.npz`, `.csv` or `.parquet`, by the suffix; the file appears whole or not at all.
+
+        `load` reads the first two. A pipe or a device without a suffix gets JSON; see `write_whole`.
 
         Raises:
             OutputError: another suffix, or the file cannot be written.
+            MissingExtraError: Parquet without pyarrow.
         """
         path = Path(path)
-        check_suffix(path)
-        if path.suffix.lower() == ".json":
-            data = json.dumps(self.to_dict(), allow_nan=False).encode("ascii") + b"\n"
-        else:
-            data = self.to_npz()
-        write_whole(path, data)
+        write_whole(path, FORMATS[format_of(path)](self.document()))
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
@@ -217,62 +259,12 @@ class Plan:
             if path.suffix.lower() == ".json":
                 document = parse_json(read_text(read_bytes(path)))
             elif path.suffix.lower() == ".npz":
-                document = _unflatten(parse_npz(read_bytes(path)))
+                document = from_npz(parse_npz(read_bytes(path)))
+            elif path.suffix.lower() in FORMATS:
+                raise InputError(
+                    f"a {path.suffix} file holds a plan's numbers for other programs: keep it as .json or .npz too, "
+                    "which can be read again"
+                )
             else:
                 raise InputError(f"a plan is a .json or .npz file, got the suffix {path.suffix!r}")
         return cls.from_dict(document, str(path))
-
-
-def check_suffix(path: Path) -> None:
-    """Check that a plan can be written under this name.
-
-    Raises:
-        OutputError: the suffix is neither .json nor .npz.
-    """
-    if path.suffix.lower() not in (".json", ".npz"):
-        raise OutputError(f"{path}: a plan is written as .json or .npz, got the suffix {path.suffix!r}")
-
-
-def _listed(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document with lists in the place of arrays."""
-
-    def listed(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return _listed(value)
-        return value.tolist() if isinstance(value, np.ndarray) else value
-
-    return {name: listed(value) for name, value in document.items()}
-
-
-def _flatten(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Lay a document out as arrays with dotted names, for npz; null, which no array can hold, becomes NaN."""
-    arrays: dict[str, Any] = {}
-    for name, value in document.items():
-        if isinstance(value, Mapping):
-            arrays.update(_flatten(value, f"{prefix}{name}."))
-        elif isinstance(value, list) and not value:  # the only lists that may be empty are those of texts
-            arrays[prefix + name] = np.array([], dtype=np.str_)
-        else:
-            arrays[prefix + name] = np.array(np.nan if value is None else value)
-    return arrays
-
-
-def _unflatten(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Undo `_flatten`.
-
-    Raises:
-        InputError: a name is both a value and a group.
-    """
-    document: dict[str, Any] = {}
-    for dotted, array in arrays.items():
-        *groups, name = dotted.split(".")
-        place = document
-        for group in groups:
-            place = place.setdefault(group, {})
-            if not isinstance(place, dict):
-                raise InputError(f"{dotted!r} is below a value")
-        if name in place:
-            raise InputError(f"{dotted!r} is both a value and a group")
-        value = array.tolist() if array.ndim == 0 or array.dtype.kind == "U" else array
-        place[name] = None if isinstance(value, float) and np.isnan(value) else value
-    return document

@@ -41,6 +41,7 @@ ROOMS = [
     "refine",
     "quality",
     "assess",
+    "outputs",
     "plan",
     "stream",
     "planner",

@@ -142,8 +142,15 @@ def say(name: str, message: str) -> None:
         print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
 
 
-def print_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = ()) -> None:
-    """Print a table on standard output: names and values, or the columns of a header, numbers but for the first two."""
+def print_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = (), stderr: bool = False) -> None:
+    """Print a table: names and values, or the columns of a header, numbers but for the first two.
+
+    Args:
+        title: its title.
+        rows: its rows.
+        header: names of the columns, if there are to be any.
+        stderr: whether it goes to standard error, because standard output is taken.
+    """
     from rich import box  # rich takes as long to import as all the rest of a short program
     from rich.console import Console
     from rich.table import Table
@@ -155,8 +162,8 @@ def print_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str]
         table.add_column(name, justify="right")
     for row in rows:
         table.add_row(*row)
-    Console(markup=False, highlight=False).print(table)
+    Console(markup=False, highlight=False, stderr=stderr).print(table)
 
 
-def print_json(document: dict[str, Any]) -> None:
-    print(json.dumps(document, allow_nan=False))
+def print_json(document: dict[str, Any], stderr: bool = False) -> None:
+    print(json.dumps(document, allow_nan=False), file=sys.stderr if stderr else sys.stdout)

@@ -31,10 +31,11 @@ from runtime.cli.options import (
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
 from runtime.commands.reading import Reading
-from runtime.documents.writing import check_writable
+from runtime.documents.writing import check_writable, is_standard_output
 from runtime.errors import InputError, OutputError, SlideError
+from runtime.outputs.formats import format_of
 from runtime.physics.law import DT
-from runtime.plan import Plan, check_suffix
+from runtime.plan import Plan
 from runtime.planner import Planner
 
 PAPER_SAMPLES_PER_SECOND = 622.0
@@ -72,7 +73,12 @@ def slide_plan(
     ],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="Plan to write, .json or .npz; of many, their folder.", show_default=False),
+        typer.Option(
+            "--output",
+            "-o",
+            help="Plan to write: .json, .npz, .csv or .parquet, - is standard output; of many, their folder.",
+            show_default=False,
+        ),
     ],
     reading: Reading,
     model: Annotated[
@@ -88,10 +94,11 @@ def slide_plan(
     as_json: AsJson = False,
 ) -> None:
     """Plan the motion of the pan that slides the object along a command, or along each of many."""
+    output = Path("/dev/stdout") if str(output) == "-" else output
     many = len(commands) > 1 or (output.is_dir() and not output.suffix)
     targets = _targets(commands, output) if many else [output]
     if not many:
-        check_suffix(output)
+        format_of(output)
         check_writable(output)
     first = None if many else Command.load(commands[0], reading)
     planner = Planner(model)
@@ -190,11 +197,12 @@ def _document(made: Made) -> dict[str, Any]:
 
 
 def _show(made: Made, as_json: bool) -> None:
-    """Print one plan."""
+    """Print one plan, on standard error if the plan itself is on standard output."""
+    taken = is_standard_output(made.target)
     if made.command.notes:
         say("slide-plan", f"note: {'; '.join(made.command.notes)}")
     if as_json:
-        print_json(_document(made))
+        print_json(_document(made), stderr=taken)
     else:
         plan, quality, speed = made.plan, made.plan.quality, len(made.plan) / made.duration
         rows = [
@@ -209,7 +217,7 @@ def _show(made: Made, as_json: bool) -> None:
             ("planning time", f"{made.duration * 1e3:.1f} ms for {len(plan)} samples"),
             ("samples per second", f"{speed:,.0f}, {speed / PAPER_SAMPLES_PER_SECOND:.0f} x the paper's 622"),
         ]
-        print_table(f"{made.target}: {quality.status}", rows)
+        print_table(f"{made.target}: {quality.status}", rows, stderr=taken)
 
 
 def _show_many(folder: Path, made: Sequence[dict[str, Any]], failed: dict[str, str], as_json: bool) -> None:

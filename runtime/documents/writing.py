@@ -75,6 +75,11 @@ def is_stream(path: Path) -> bool:
         return isinstance(target, int) or _is_stream(target)
 
 
+def is_standard_output(path: Path) -> bool:
+    """Whether a path is standard output, under any of its names."""
+    return _descriptor(path) == STANDARD_OUTPUT
+
+
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
     """Turn what the system says into an OutputError.
@@ -86,7 +91,7 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError) as error:
-        if isinstance(error, BrokenPipeError) and _descriptor(path) == STANDARD_OUTPUT:
+        if isinstance(error, BrokenPipeError) and is_standard_output(path):
             raise
         raise OutputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from error
 

@@ -99,6 +99,13 @@ def test_plan_format_is_that_of_a_plan() -> None:
     assert f"`{document['format']}`" in table
 
 
+def test_table_of_a_plan_has_the_columns_that_are_listed() -> None:
+    table = section("reference/formats.md", "A plan as a table")
+    rows = re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE)
+    listed = [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
+    assert listed == example_plan().to_csv().partition("\n")[0].split(",")
+
+
 def test_manifest_keys_are_those_of_a_bundle() -> None:
     table = section("reference/formats.md", "Bundle")
     listed = [

@@ -15,6 +15,10 @@ MORE_IN = {
     "runtime/cli": {"typer", "rich"},
     "runtime/arm": {"pybullet", "imageio_ffmpeg"},
     "runtime/commands/parquet.py": {"pyarrow"},
+    "runtime/outputs/parquet_file.py": {"pyarrow"},
+    "runtime/outputs/frame.py": {"pandas"},
+    "runtime/outputs/plot.py": {"matplotlib"},
+    "runtime/plan.py": {"pandas", "matplotlib"},  # names of types
     "runtime/client": {"websockets", "httpx"},
     "runtime/physics/compiled.py": {"numba"},
 }

@@ -230,7 +230,7 @@ def test_wrong_npz_is_a_format_error(plan: Plan, tmp_path: Path) -> None:
 
 
 def test_another_suffix_is_refused(plan: Plan, tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"written as .json or .npz, got the suffix '.yaml'"):
+    with pytest.raises(OutputError, match=r"written as .json, .npz, .csv or .parquet, got the suffix '.yaml'"):
         plan.save(tmp_path / "plan.yaml")
     with pytest.raises(FormatError, match=r"is a .json or .npz file"):
         Plan.load(tmp_path / "plan.yaml")

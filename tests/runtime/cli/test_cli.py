@@ -178,7 +178,7 @@ def test_sizes_are_the_plans_and_bad_ones_are_refused(slide: Slide, tmp_path: Pa
         ("x,y\n0,0\n0,0\n", ["-o", "absent/plan.json"], "absent/plan.json: cannot be written: there is no folder"),
         ("x,y\n0,0\n0,0\n", ["-o", "folder.json"], "folder.json: cannot be written: is a directory"),
         ("x,y\n0,0\n0,0\n", ["-o", "command.csv/plan.json"], "cannot be written"),
-        ("x,y\n0,0\n0,0\n", ["-o", "plan.yaml"], "written as .json or .npz"),
+        ("x,y\n0,0\n0,0\n", ["-o", "plan.yaml"], "written as .json, .npz, .csv or .parquet"),
     ],
 )
 def test_bad_input_is_one_line_exit_2_and_nothing_written(
