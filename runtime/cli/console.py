@@ -119,7 +119,7 @@ def _option(field: dataclasses.Field[Any], hint: Any) -> inspect.Parameter:
         hint, default = list[get_args(hint)[0]] | None, None  # type: ignore[misc]
     metadata = dict(field.metadata)
     hint = metadata.pop("read_as", hint)
-    option = typer.Option(f"--{field.name.replace('_', '-')}", **metadata)
+    option = typer.Option(metadata.pop("flag", f"--{field.name.replace('_', '-')}"), **metadata)
     return inspect.Parameter(
         field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[hint, option]
     )

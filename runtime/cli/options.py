@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import typer
 
@@ -22,25 +23,14 @@ class FrictionOptions:
     static: float | None = option("Static friction coefficient.", metavar="MU")
     kinetic: float | None = option("Kinetic friction coefficient.", metavar="MU")
 
-    def chosen(self, default: Friction) -> Friction:
-        """Return the default with what was given on the command line in its place."""
-        return replace(default, **_given(self))
-
 
 @dataclass(frozen=True)
 class LimitOptions:
     """What was said of the limits."""
 
-    reach: float | None = option("Limit on the pan's reach (m).", metavar="M")
+    pan_reach: float | None = option("Limit on the pan's reach (m).", metavar="M", flag="--reach")
     acceleration: float | None = option("Limit on its acceleration (m/s^2).", metavar="A")
     jerk: float | None = option("Limit on its jerk (m/s^3).", metavar="J")
-
-    def chosen(self, default: Limits) -> Limits:
-        """Return the default with what was given on the command line in its place."""
-        given = _given(self)
-        if "reach" in given:
-            given["pan_reach"] = given.pop("reach")
-        return replace(default, **given)
 
 
 @dataclass(frozen=True)
@@ -49,10 +39,6 @@ class SizeOptions:
 
     pan_radius: float | None = option("Radius of the pan (m).", metavar="M")
     object_radius: float | None = option("Radius of the object (m).", metavar="M")
-
-    def chosen(self, default: Sizes) -> Sizes:
-        """Return the default with what was given on the command line in its place."""
-        return replace(default, **_given(self))
 
 
 @dataclass(frozen=True)
@@ -64,8 +50,12 @@ class SearchOptions:
     refine_ms: float | None = option("Make the plan better for so many milliseconds.", metavar="MS")
 
 
-def _given(options: FrictionOptions | LimitOptions | SizeOptions) -> dict[str, float]:
-    return {name: value for name, value in vars(options).items() if value is not None}
+Settings = TypeVar("Settings", Friction, Limits, Sizes)
+
+
+def chosen(options: FrictionOptions | LimitOptions | SizeOptions, default: Settings) -> Settings:
+    """Return the default with what was given on the command line in its place."""
+    return replace(default, **{name: value for name, value in vars(options).items() if value is not None})
 
 
 def reach_of_limit(plan: Plan) -> str:

@@ -24,6 +24,7 @@ from runtime.cli.options import (
     LimitOptions,
     SearchOptions,
     SizeOptions,
+    chosen,
     conclude,
     friction_off,
     reach_of_limit,
@@ -104,9 +105,9 @@ def slide_plan(
     planner = Planner(model)
     manifest = planner.bundle.manifest
     asked = {
-        "friction": friction.chosen(manifest.friction),
-        "limits": limits.chosen(manifest.limits),
-        "sizes": sizes.chosen(manifest.sizes),
+        "friction": chosen(friction, manifest.friction),
+        "limits": chosen(limits, manifest.limits),
+        "sizes": chosen(sizes, manifest.sizes),
         "tolerance": tolerance,
         **vars(search),
     }

@@ -10,7 +10,7 @@ import typer
 
 from runtime.arm.options import ArmOptions
 from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
-from runtime.cli.options import FrictionOptions, conclude, reach_of_limit
+from runtime.cli.options import FrictionOptions, chosen, conclude, reach_of_limit
 from runtime.documents.writing import check_writable
 from runtime.errors import InputError
 from runtime.interrupt import INTERRUPTED
@@ -67,7 +67,7 @@ def _replay(plan_file: Path, options: FrictionOptions, report: Path | None, as_j
     if report is not None:
         check_writable(report)
     plan = Plan.load(plan_file)
-    friction = options.chosen(plan.friction)
+    friction = chosen(options, plan.friction)
     states = plan.replay(friction)
     position, velocity = states[:, :2], states[:, 2:]
     rmse, worst = tracking_error(position, plan.command_position)

@@ -13,6 +13,7 @@ def option(help: str, default: Any = None, metavar: str | None = None, **more: o
         help: what it does, for `--help`.
         default: its value where it is not given.
         metavar: what stands for its value in `--help`.
-        more: what else `runtime.cli.console.run` knows: `read_as`, its type on a command line.
+        more: what else `runtime.cli.console.run` knows: `read_as`, its type on a command line; `flag`, its name there
+            if that is not the field's.
     """
     return field(default=default, metadata={"help": help, "metavar": metavar, **more})
