@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,13 +50,14 @@ class Outcome:
     document: dict[str, Any]
 
 
-def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None) -> Outcome:
+def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks: Sequence[Hook] = ()) -> Outcome:
     """Execute a plan on the simulated arm.
 
     Args:
         plan_file: the plan.
         options: what was asked for.
         report: page to write, or None.
+        hooks: called before each sample, after the events.
 
     Raises:
         InputError, FormatError: the plan cannot be executed, or an option is not usable.
@@ -68,7 +70,7 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None) -> Out
     plan = Plan.load(plan_file)
     with reading(str(plan_file)):
         check_plan(plan)
-    hooks = [event.hook(arm) for event in events]
+    hooks = [*(event.hook(arm) for event in events), *hooks]
     with ExitStack() as stack:
         source, remarks = _source(plan, options, stack)
         recording = _execute(plan, arm, source, hooks, options)
@@ -144,7 +146,7 @@ def _other(plan: Plan, name: str, sha256: str) -> list[str]:
     return [f"closed loop with model {name!r}, the plan was made by {plan.model_name!r}"]
 
 
-def _execute(plan: Plan, arm: SimulatedArm, source: Source, hooks: list[Hook], options: ArmOptions) -> Recording:
+def _execute(plan: Plan, arm: SimulatedArm, source: Source, hooks: Sequence[Hook], options: ArmOptions) -> Recording:
     with ExitStack() as stack:
         if options.video is not None:
             camera = Camera(arm, plan.command_position)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
+import threading
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from runtime import Plan, Planner
+from runtime.network.bundle import Bundle, Float32Array, LstmState
 
 OPSET = 17
 SIZES = {"chunk": 100, "units": 8, "layers": 2, "command_ahead": 2}
@@ -165,6 +169,32 @@ def bundle_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def planner(bundle_path: Path) -> Planner:
     return Planner(bundle_path)
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedBundle(Bundle):
+    """A bundle that keeps what its network is shown, and gives no finite number any more once `broken` says so."""
+
+    encoded: list[Float32Array] = field(default_factory=list)
+    observed: list[Float32Array] = field(default_factory=list)
+    broken: threading.Event = field(default_factory=threading.Event)
+
+    def encode(self, command: Float32Array) -> LstmState:
+        self.encoded.append(command)
+        return super().encode(command)
+
+    def decode_step(self, observation: Float32Array, state: LstmState) -> tuple[Float32Array, LstmState]:
+        self.observed.append(observation)
+        acceleration, after = super().decode_step(observation, state)
+        return np.full_like(acceleration, np.nan) if self.broken.is_set() else acceleration, after
+
+
+@pytest.fixture
+def watched(planner: Planner) -> tuple[Planner, WatchedBundle]:
+    """A planner with a bundle that is watched."""
+    other = copy.copy(planner)
+    other.bundle = bundle = WatchedBundle(**vars(planner.bundle))
+    return other, bundle
 
 
 def draw_curve(samples: int, seed: int = 0) -> NDArray[np.float64]:

@@ -15,8 +15,11 @@ from runtime.network.reader import Window
 from runtime.physics.law import BATCHED_FROM, compile_law, rollout
 from runtime.physics.pan import integrate_pan
 
+from .conftest import WatchedBundle
+
 Curve = Callable[..., NDArray[np.float64]]
 MakeBundle = Callable[..., Path]
+Watched = tuple[Planner, WatchedBundle]
 
 ARRAYS = ("pan_acceleration", "pan_velocity", "pan_position", "object_velocity", "object_position")
 
@@ -54,16 +57,8 @@ def test_tiny_network_makes_the_object_stick_and_slide(planner: Planner, make_cu
     assert 0.1 < planner.plan(make_curve(1200)).quality.sliding_share < 0.9  # or the tests above show little
 
 
-def test_network_reads_the_command_and_its_own_motion_as_documented(
-    planner: Planner, make_curve: Curve, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    encoded, observed = [], []
-    bundle = planner.bundle
-    encode, decode_step = type(bundle).encode, type(bundle).decode_step
-    monkeypatch.setattr(type(bundle), "encode", lambda self, x: encoded.append(x) or encode(self, x))
-    monkeypatch.setattr(
-        type(bundle), "decode_step", lambda self, x, state: observed.append(x) or decode_step(self, x, state)
-    )
+def test_network_reads_the_command_and_its_own_motion_as_documented(watched: Watched, make_curve: Curve) -> None:
+    planner, bundle = watched
     command = Command(make_curve(250))
     plan = planner.plan(command)
 
@@ -71,13 +66,13 @@ def test_network_reads_the_command_and_its_own_motion_as_documented(
     rows = np.hstack([command.position - origin, command.velocity])
     rest = np.concatenate([command.position[-1] - origin, [0.0, 0.0]])
     held = np.vstack([rows, np.tile(rest, (250, 1))]).astype(np.float32)
-    np.testing.assert_array_equal(encoded[0], held[:300].reshape(1, 3, 400))
+    np.testing.assert_array_equal(bundle.encoded[0], held[:300].reshape(1, 3, 400))
     states = np.hstack([plan.pan_position, plan.pan_velocity, plan.object_position - origin, plan.object_velocity])
     seen = [np.tile(states[0], (100, 1)), states[1:101], states[101:201]]
-    assert len(observed) == 3
+    assert len(bundle.observed) == 3
     for n in range(3):
-        np.testing.assert_array_equal(observed[n][0, :800].reshape(100, 8), seen[n].astype(np.float32))
-        np.testing.assert_array_equal(observed[n][0, 800:], held[100 * n : 100 * (n + 2)].ravel())
+        np.testing.assert_array_equal(bundle.observed[n][0, :800].reshape(100, 8), seen[n].astype(np.float32))
+        np.testing.assert_array_equal(bundle.observed[n][0, 800:], held[100 * n : 100 * (n + 2)].ravel())
 
 
 def test_padding_holds_the_last_position_at_rest(planner: Planner, make_curve: Curve) -> None:
@@ -114,16 +109,12 @@ def test_long_command_is_planned_by_windows_as_its_parts_are(planner: Planner, m
     np.testing.assert_array_equal(np.concatenate(u), plan.pan_acceleration[:3000])
 
 
-def test_windows_of_a_long_command_read_no_more_than_was_trained_on(
-    planner: Planner, make_curve: Curve, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read: list[int] = []
-    encode = type(planner.bundle).encode
-    monkeypatch.setattr(type(planner.bundle), "encode", lambda self, x: read.append(x.shape[1]) or encode(self, x))
+def test_windows_of_a_long_command_read_no_more_than_was_trained_on(watched: Watched, make_curve: Curve) -> None:
+    planner, bundle = watched
     planner.plan(make_curve(1500))
-    assert read == [15]
-    read.clear()
     plan = planner.plan(make_curve(60_000))
+    first, *read = [command.shape[1] for command in bundle.encoded]
+    assert first == 15
     assert set(read[:-1]) == {15}
     assert read[-1] <= 15
     assert len(plan) == 60_000

@@ -12,11 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from runtime import BundleError, ConcurrentUseError, Friction, InputError, Limits, Planner, Start, Stream, StreamStatus
+from runtime import ConcurrentUseError, Friction, InputError, Limits, Planner, Start, Stream, StreamStatus
 from runtime.limits import NO_LIMITS
-from runtime.network.bundle import Bundle
 from runtime.physics.law import DT, rollout
 from runtime.physics.pan import integrate_pan
+
+from .conftest import WatchedBundle
 
 Array = NDArray[np.float64]
 Curve = Callable[..., Array]
@@ -156,15 +157,13 @@ def test_every_other_chunk_unseen_is_the_plan_where_nothing_disturbs(planner: Pl
 
 
 def test_network_that_fails_is_braked_and_raises_nothing(
-    stream: Stream, plant: Plant, monkeypatch: pytest.MonkeyPatch
+    watched: tuple[Planner, WatchedBundle], plant: Plant, make_curve: Curve
 ) -> None:
+    planner, bundle = watched
+    stream = planner.stream(make_curve(777), limits=LIMITS)
     for _ in range(2):
         plant.move(stream.step(*plant.seen()))
-
-    def fail(*_: Any) -> None:
-        raise BundleError("no finite number")
-
-    monkeypatch.setattr(Bundle, "decode_step", fail)
+    bundle.broken.set()
     for _ in range(2):
         plant.move(stream.step(*plant.seen()))
         assert stream.status is StreamStatus.BRAKING

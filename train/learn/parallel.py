@@ -53,16 +53,21 @@ def rank() -> int:
     return dist.get_rank() if processes() > 1 else 0
 
 
-def share(batch: int) -> slice:
-    """Return the rows of a batch of `batch` trajectories that are this process's.
+def share(batch: int, process: int | None = None, of: int | None = None) -> slice:
+    """Return the rows of a batch of `batch` trajectories that are a process's.
+
+    Args:
+        batch: number of trajectories.
+        process, of: the process's number and how many there are; this one's if None.
 
     Raises:
         InputError: the batch cannot be shared evenly.
     """
-    if batch % processes():
-        raise InputError(f"batch: {batch} trajectories cannot be shared evenly by {processes()} processes")
-    rows = batch // processes()
-    return slice(rank() * rows, (rank() + 1) * rows)
+    process, of = rank() if process is None else process, of or processes()
+    if batch % of:
+        raise InputError(f"batch: {batch} trajectories cannot be shared evenly by {of} processes")
+    rows = batch // of
+    return slice(process * rows, (process + 1) * rows)
 
 
 def mean_over_processes(value: Tensor) -> Tensor:

@@ -12,10 +12,10 @@ import pytest
 
 pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
 
-from runtime import Friction, Plan, Planner
-from runtime.arm import program
+from runtime import Friction, Planner
 from runtime.arm.motion import plan_of_motion
-from runtime.arm.run import Recording
+from runtime.arm.options import ArmOptions
+from runtime.arm.program import run_on_arm
 from runtime.documents.checks import FloatArray
 
 from .conftest import SlideRun, save_shake
@@ -129,23 +129,16 @@ def test_plans_that_cannot_be_executed_exit_2(
     assert message in err
 
 
-def test_an_interrupt_keeps_film_and_report(
-    slide_run: SlideRun, shake_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupt_keeps_film_and_report(shake_file: Path, tmp_path: Path) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    execute = program.execute
 
-    def interrupted(plan: Plan, arm: object, source: object, hooks: list[object]) -> Recording:
-        def interrupt(k: int, measured: object) -> None:
-            if k == 150:
-                raise KeyboardInterrupt
+    def interrupt(k: int, measured: object) -> None:
+        if k == 150:
+            raise KeyboardInterrupt
 
-        return execute(plan, arm, source, [*hooks, interrupt])  # type: ignore[arg-type, list-item]
-
-    monkeypatch.setattr(program, "execute", interrupted)
     film, report = tmp_path / "film.mp4", tmp_path / "report.html"
-    code, out, err = slide_run(shake_file, "--pybullet", "--video", film, "--report", report, "--json")
-    assert (code, err) == (130, "slide-run: interrupted; what was recorded until then is kept\n")
-    assert json.loads(out)["results"]["samples"] == 150
-    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 16
+    outcome = run_on_arm(shake_file, ArmOptions(video=film), report, [interrupt])
+    assert outcome.interrupted
+    assert outcome.document["results"]["samples"] == 150
+    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 15
     assert report.exists()

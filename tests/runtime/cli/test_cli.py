@@ -261,14 +261,12 @@ def test_many_commands_need_a_folder_and_names_of_their_own(slide: Slide, tmp_pa
         assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_output_is_checked_before_the_work_is_done(
-    slide: Slide, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "runtime.cli.plan.Planner", lambda *_: pytest.fail("planned for an output that cannot be written")
-    )
+def test_output_is_checked_before_a_model_is_loaded(slide: Slide, tmp_path: Path) -> None:
     for name in ("plan.txt", "absent/plan.json"):
-        assert slide("slide-plan", EXAMPLE, "-o", tmp_path / name)[0] == 2
+        code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / name, "--model", tmp_path / "no-model")
+        assert code == 2
+        assert str(tmp_path / name) in err
+        assert "no-model" not in err
 
 
 def test_usage_errors_exit_2(slide: Slide) -> None:
@@ -281,24 +279,6 @@ def test_usage_errors_exit_2(slide: Slide) -> None:
         code, out, err = slide(*arguments)
         assert (code, out) == (2, "")
         assert err.splitlines()[-1].startswith("Error: ")
-
-
-@pytest.mark.parametrize(
-    ("error", "code", "line"),
-    [
-        (KeyboardInterrupt(), 130, ""),
-        (OSError(5, "Input/output error", "disk"), 2, "slide-plan: error: [Errno 5] Input/output error: 'disk'\n"),
-    ],
-)
-def test_interrupt_and_unexpected_os_error_end_without_a_traceback(
-    slide: Slide, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, line: str
-) -> None:
-    def fail(*_: Any) -> None:
-        raise error
-
-    monkeypatch.setattr("runtime.cli.plan.Planner", fail)
-    assert slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json") == (code, "", line)
-    assert not list(tmp_path.iterdir())
 
 
 def test_slide_run_replays_the_plan(slide: Slide, plan: Plan, plan_file: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from runtime import InputError, __version__
-from runtime.cli.console import run  # noqa: F401 (used by the subprocess)
+from runtime.cli.console import run
 from runtime.documents.options import option
 
 ROOT = Path(__file__).parents[3]
@@ -111,6 +111,26 @@ def test_where_the_reader_is_gone_the_exit_code_says_so() -> None:
 def test_a_program_works_with_closed_streams(streams: str) -> None:
     assert call_by_shell(f"cook egg {streams}").returncode == 0
     assert call_by_shell(f"cook egg --heat 11 {streams}").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (KeyboardInterrupt(), 130, ""),
+        (OSError(5, "Input/output error", "disk"), 2, "cook: error: [Errno 5] Input/output error: 'disk'\n"),
+    ],
+)
+def test_interrupt_and_unexpected_os_error_end_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], error: BaseException, code: int, line: str
+) -> None:
+    def fail() -> None:
+        raise error
+
+    monkeypatch.setattr(sys, "argv", ["cook"])
+    with pytest.raises(SystemExit) as ended:
+        run("cook", fail)
+    assert ended.value.code == code
+    assert capfd.readouterr() == ("", line)
 
 
 def test_standard_output_on_a_full_disk_is_one_line_and_exit_code_2() -> None:

@@ -96,19 +96,13 @@ def test_torchrun_leaves_the_short_name_of_the_runs_folder_to_us(tmp_path):
     assert load_checkpoint(tmp_path / "mine")["epoch"] == 1
 
 
-def test_batch_that_cannot_be_shared_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("train.learn.parallel.processes", lambda: 3)
-    monkeypatch.setattr("train.learn.parallel.rank", lambda: 0)
+def test_batch_that_cannot_be_shared_is_refused():
     with pytest.raises(InputError, match="batch: 8 trajectories cannot be shared evenly by 3 processes"):
-        Trainer(load_config("smoke"), tmp_path)
+        share(8, process=0, of=3)
 
 
-def test_shares_cover_the_batch(monkeypatch):
-    monkeypatch.setattr("train.learn.parallel.processes", lambda: 4)
-    rows = []
-    for rank in range(4):
-        monkeypatch.setattr("train.learn.parallel.rank", lambda rank=rank: rank)
-        rows += range(8)[share(8)]
+def test_shares_cover_the_batch():
+    rows = [row for process in range(4) for row in range(8)[share(8, process, of=4)]]
     assert rows == list(range(8))
 
 
