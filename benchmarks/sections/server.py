@@ -279,7 +279,7 @@ def measure_server(subject: Subject, settings: ServerSettings) -> Measured:
         SlideError: it does not start.
     """
     with extra("server"):
-        import server.cli  # noqa: F401 (what slide-serve runs)
+        import server.run  # noqa: F401 (what slide-serve runs)
     requests = [post_plan(position) for position in spline().positions]
     found: dict[str, Any] = {}
     with suppress(KeyboardInterrupt), serving(subject.folder) as (port, processes):

@@ -11,19 +11,19 @@ export const STATUS = {
     "Every limit holds. Where the network asked for more than one allows, the governor gave less; what you see is " +
     "the motion after that."],
   limited: ["mixed", "Held back by its limits",
-    "Every limit holds, but the governor changed more than one sample in twenty to keep them: a slower path, or higher " +
-    "limits, would be followed better."],
+    "Every limit holds, but the governor changed more than one sample in twenty to keep them: a slower path, or " +
+    "higher limits, would be followed better."],
   beyond_training_range: ["mixed", "Beyond the training range",
     "Every limit holds, but the network was not trained on such a path, such friction or such a start: expect it to " +
     "follow less well."],
   poor: ["bad", "Follows poorly",
     "Every limit holds, but the object hardly follows the path. A slower path or higher limits may help."],
   cannot_slide: ["bad", "Cannot slide",
-    "Static friction holds the object against everything that the acceleration limit allows. Allow more, or take a pan " +
-    "with less friction."],
+    "Static friction holds the object against everything that the acceleration limit allows. Allow more, or take a " +
+    "pan with less friction."],
   off_pan: ["bad", "Off the pan",
-    "The path, or the object as predicted, comes over the rim of the pan; from there on the prediction is wrong. Move " +
-    "the path or make it smaller."],
+    "The path, or the object as predicted, comes over the rim of the pan; from there on the prediction is wrong. " +
+    "Move the path or make it smaller."],
   tolerance_missed: ["bad", "Tolerance missed",
     "Every limit holds, but the object strays farther from the path than the tolerance allows."],
   limit_exceeded: ["bad", "Limit exceeded", "A limit is passed: a robot must not execute this plan as it is."],
