@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.commands.columns import choose, choose_unnamed, told
 from runtime.commands.points import Points
@@ -154,11 +153,17 @@ def from_columns(columns: dict[str, Any], reading: Reading) -> Points:
 
 
 def _stacked(value: object) -> object:
-    """Return a list of rows of three numbers or more as an array, and anything else as it is."""
-    if isinstance(value, list) and value and isinstance(value[0], (list, tuple)) and len(value[0]) > 2:
-        try:
-            array: NDArray[Any] = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            return value
-        return array
-    return value
+    """Return a list of rows of three numbers or more as an array, and anything else as it is.
+
+    Raises:
+        InputError: a row has another length than the first, or an element is no finite number.
+    """
+    if not (isinstance(value, list) and value and isinstance(value[0], (list, tuple)) and len(value[0]) > 2):
+        return value
+    rows = []
+    for index, row in enumerate(value):
+        place = f"position[{index}]"
+        if not isinstance(row, (list, tuple)) or len(row) != len(value[0]):
+            raise InputError(f"{place} must have {len(value[0])} numbers, as the first row has", place)
+        rows.append([number(item, f"{place}[{column}]") for column, item in enumerate(row)])
+    return np.array(rows, dtype=np.float64)

@@ -49,13 +49,14 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
             return arrays.from_columns(_transposed(document), reading), reading
         points, reading = from_document(document[0], reading)
         return points._replace(found=(f"took the first of {len(document)} drawings", *points.found)), reading
+    if isinstance(document, list) and document and _is_nested(document[0]):
+        return from_strokes({"strokes": document}), reading
     if isinstance(document, list):
         return arrays.from_array(document, reading), reading
     if not isinstance(document, Mapping):
         raise InputError('must be an object with the keys "dt" (or "t") and "position"')
     if isinstance(document.get("data"), list) and isinstance(document.get("columns"), list):  # pandas' orient="split"
-        records = [dict(zip(map(str, document["columns"]), row, strict=False)) for row in document["data"]]
-        return from_document(records, reading)
+        return from_document(_records(document["columns"], document["data"]), reading)
     options = {name: document[name] for name in OPTIONS if name in document and document[name] is not None}
     reading = reading.completed(options)
     rest = {name: value for name, value in document.items() if name not in OPTIONS}
@@ -92,6 +93,22 @@ def _positions(document: Mapping[str, Any], reading: Reading) -> Points:
     if "t" not in document:
         return Points(position)
     return Points(position, arrays.times(document["t"], "t"))
+
+
+def _is_nested(value: object) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], list)
+
+
+def _records(names: list[Any], rows: list[Any]) -> list[dict[str, Any]]:
+    """Return rows under the names of their columns.
+
+    Raises:
+        InputError: a row is no list, or has another length.
+    """
+    for index, row in enumerate(rows):
+        if not isinstance(row, list) or len(row) != len(names):
+            raise InputError(f"data[{index}] must have {len(names)} values, as there are columns", f"data[{index}]")
+    return [dict(zip(map(str, names), row, strict=True)) for row in rows]
 
 
 def _transposed(records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:

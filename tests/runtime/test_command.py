@@ -114,6 +114,25 @@ def test_any_csv_like_text_is_a_command_or_a_format_error(
         assert str(error).startswith(str(path))  # noqa: PT017
 
 
+NAMES = ("t", "dt", "position", "x", "y", "drawing", "strokes", "columns", "data", "rate", "origin", "speed", "size")
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(["", "0", "t,x,y", "first"])
+points = st.lists(st.lists(st.floats(-0.1, 0.1), min_size=1, max_size=4), max_size=5)
+documents = st.recursive(
+    scalars | points,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(NAMES), inner, max_size=5),
+    max_leaves=12,
+)
+
+
+@settings(deadline=None)
+@given(documents)
+def test_any_document_is_a_command_or_a_format_error(document: Any) -> None:
+    try:
+        assert np.isfinite(Command.from_dict(document).position).all()
+    except FormatError as error:
+        assert str(error).startswith("command: ")  # noqa: PT017
+
+
 def npz(**arrays: Any) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
@@ -169,6 +188,12 @@ BAD_FILES: list[tuple[str, str, bytes | str, str]] = [
     ("json wrong", "a.json", '{"dt": 0.001; }', "not JSON: .*line 1, column 13"),
     ("json deep", "a.json", "[" * 100_000, "nested too deeply"),
     ("json number", "a.json", "[3]", r"position\[0\] must be a pair"),
+    ("json table ragged", "a.json", "[[0, 0, 0], [0, 1]]", r"position\[1\] must have 3 numbers"),
+    ("json table null", "a.json", "[[0, 0, 0], [0, 1, null]]", r"position\[1\]\[2\] must be a number, got None"),
+    ("json split", "a.json", '{"columns": ["x", "y"], "data": [[0, 0], [1]]}', r"data\[1\] must have 2 values"),
+    ("json records", "a.json", '[{"x": 0, "y": 0}, {"x": 1}]', "record 1 has the keys x, the first has x, y"),
+    ("json bare strokes", "a.json", "[[[0, 0], [1, 1]]]", "a drawing has no times: --speed"),
+    ("json lines cut", "a.json", '{"x": 0, "y": 0}\n{"x": 0,', "truncated or not JSON"),
     ("json no position", "a.json", '{"dt": 0.001}', "missing key 'position'"),
     ("json no dt", "a.json", '{"position": [[0, 0], [0, 0]]}', "exactly one of the keys 't', 'dt', 'rate' and 'speed'"),
     ("json both", "a.json", '{"t": [0, 1], "dt": 1, "position": [[0, 0], [0, 0]]}', "exactly one"),
