@@ -133,7 +133,7 @@ def rollout(state: FloatArray, acceleration: FloatArray, friction: Friction, dt:
     if compiled is not None:
         u = np.ascontiguousarray(acceleration, dtype=np.float64)
         out = np.empty((len(u), 4))
-        compiled[lifts](px, py, vx, vy, u, static, kinetic, GRAVITY, dt, out)
+        compiled(px, py, vx, vy, u, static, kinetic, GRAVITY, dt, out)
         return out
     states = []
     if lifts:
@@ -165,7 +165,7 @@ def check_contact(acceleration: FloatArray) -> None:
         )
 
 
-def slide_along_level(
+def slide_along(
     px: float,
     py: float,
     vx: float,
@@ -177,34 +177,16 @@ def slide_along_level(
     dt: float,
     out: FloatArray,
 ) -> None:
-    """Fill `out` (n, 4) with the states after each of the accelerations `u` (n, 2): `rollout`, to be compiled."""
-    static_limit, kinetic_limit = static * gravity, kinetic * gravity
+    """Fill `out` (n, 4) with the states after each of the accelerations `u` (n, 2) or (n, 3): `rollout`, compiled."""
+    lifts = u.shape[1] == 3
     for k in range(len(u)):
-        px, py, vx, vy = slide_step(px, py, vx, vy, u[k, 0], u[k, 1], static_limit, kinetic_limit, dt)
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = px, py, vx, vy
-
-
-def slide_along_lifting(
-    px: float,
-    py: float,
-    vx: float,
-    vy: float,
-    u: FloatArray,
-    static: float,
-    kinetic: float,
-    gravity: float,
-    dt: float,
-    out: FloatArray,
-) -> None:
-    """Do as `slide_along_level`, with `u` (n, 3): the pan lifts."""
-    for k in range(len(u)):
-        normal = gravity + u[k, 2]
+        normal = gravity + u[k, 2] if lifts else gravity
         px, py, vx, vy = slide_step(px, py, vx, vy, u[k, 0], u[k, 1], static * normal, kinetic * normal, dt)
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = px, py, vx, vy
 
 
 _compiled: Any = None
-"""`slide_along_level` and `slide_along_lifting`, compiled, once `compile_law` was called."""
+"""`slide_along`, compiled, once `compile_law` was called."""
 
 
 def compile_law(use: bool = True) -> bool:
@@ -221,10 +203,8 @@ def compile_law(use: bool = True) -> bool:
     if compile_one is None:
         _compiled = None
         return False
-    functions = compile_together((slide_step, slide_along_level, slide_along_lifting), compile_one)
-    compiled = functions["slide_along_level"], functions["slide_along_lifting"]
-    for columns, along in enumerate(compiled, start=2):
-        along(0.0, 0.0, 0.0, 0.0, np.zeros((1, columns)), 1.0, 1.0, GRAVITY, DT, np.empty((1, 4)))  # compiles
+    compiled = compile_together((slide_step, slide_along), compile_one)["slide_along"]
+    compiled(0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), 1.0, 1.0, GRAVITY, DT, np.empty((1, 4)))  # compiles
     _compiled = compiled
     return True
 
