@@ -118,7 +118,7 @@ def _held(position: FloatArray, chunk: int, friction: Friction) -> Batch:
 
 
 class NetworkStream:
-    """`runtime.planner.Stream` for a network that is not exported.
+    """`runtime.Stream` for a network that is not exported.
 
     Args:
         model: the network.
