@@ -30,6 +30,9 @@ UNITS = {"pan_reach": "m", "acceleration": "m/s^2", "jerk": "m/s^3"}
 USABLE = (1e-6, 1e9)
 """Range of a finite limit, in its own unit: what is beyond is a slip of the unit, and its square no number to trust."""
 
+FARTHEST_REACH = 100.0
+"""Largest reach (m): what is beyond is millimetres."""
+
 LONGEST_RAMP = 10.0
 """Longest time (s) that a jerk limit may take to bring the acceleration to its limit: a stop would take longer still,
 and no plan would come to see it."""
@@ -45,7 +48,8 @@ class Limits:
         jerk: largest change of the pan acceleration from one sample to the next, over dt (m/s^3).
 
     Raises:
-        InputError: a limit is no number, not greater than zero or outside USABLE; some are infinite and some are not;
+        InputError: a limit is no number, not greater than zero, outside USABLE, or a reach beyond
+            FARTHEST_REACH; some are infinite and some are not;
             or the jerk is so small that the acceleration takes more than LONGEST_RAMP to come to its limit.
     """
 
@@ -67,6 +71,12 @@ class Limits:
             raise InputError(f"limits contradict each other: all must be finite, or none: {values}")
         if not self.finite:
             return
+        if self.pan_reach > FARTHEST_REACH:
+            raise InputError(
+                f"limit pan_reach must be at most {FARTHEST_REACH:g} m, got {self.pan_reach:g} m: is it in "
+                f"millimetres? Then give {self.pan_reach / 1e3:g} m",
+                "pan_reach",
+            )
         for name, unit in UNITS.items():
             value = getattr(self, name)
             if not USABLE[0] <= value <= USABLE[1]:

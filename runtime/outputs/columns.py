@@ -15,6 +15,9 @@ from runtime.physics.pan import integrate_pan
 
 AXES = "xyz"
 
+NO_STOP: Mapping[str, Any] = {"acceleration": ()}
+"""What documents lack that were written before plans had a stop."""
+
 TIME_DIGITS = 9
 """Decimals of the times (s): 0.007, and not 0.007000000000000001."""
 
@@ -42,7 +45,7 @@ def columns(document: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
         "pan_a": pan["acceleration"],
     }
     samples = len(parts["command_"])
-    if "stop" in document:
+    if len(document.get("stop", NO_STOP)["acceleration"]):
         stop = _stop_rows(document)
         parts = {name: np.concatenate([values, stop[name]]) for name, values in parts.items()}
     rows = np.arange(len(parts["command_"]))

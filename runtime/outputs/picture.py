@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from runtime.documents.checks import FloatArray
+from runtime.outputs.columns import columns
 
 MM = 1e3
 """Millimetres in a metre."""
@@ -38,8 +39,9 @@ def object_picture(document: Mapping[str, Any]) -> str:
 
 
 def pan_picture(document: Mapping[str, Any]) -> str:
-    """Return the pan's path in the world, and the circle that it keeps to."""
-    pan, reach = document["pan"]["position"][:, :2], document["quality"]["limits"]["pan_reach"]
+    """Return the pan's path in the world, the stop included, and the circle that it keeps to."""
+    table, reach = columns(document), document["quality"]["limits"]["pan_reach"]
+    pan = np.stack([table["pan_x"], table["pan_y"]], axis=1)
     parts = [_line(pan, f'stroke="{PAN}" stroke-width="1.5"')]
     if reach is None or reach > FARTHEST_REACH:
         return _svg("The pan in the world", parts, 0.0, pan)

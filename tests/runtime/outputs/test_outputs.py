@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 
 from runtime import FormatError, MissingExtraError, OutputError, Plan, Planner
+from runtime.outputs.columns import columns
+from runtime.physics.law import rollout
 
 NAMES = ["t", "command_x", "command_y", "object_x", "object_y", "object_vx", "object_vy"]
 NAMES += ["pan_x", "pan_y", "pan_vx", "pan_vy", "pan_ax", "pan_ay", "stop"]
@@ -49,6 +51,30 @@ def test_csv_has_every_number_of_the_plan(plan: Plan, tmp_path: Path) -> None:
     assert (tmp_path / "plan.csv").read_text() == (tmp_path / "table.txt").read_text() == text
     table = np.loadtxt(tmp_path / "plan.csv", delimiter=",", skiprows=1)
     assert np.isfinite(table).all()
+
+
+def test_table_goes_on_with_the_stop_until_the_pan_rests(plan: Plan) -> None:
+    dt, samples = plan.dt, 40
+    leaving = plan.pan_velocity[-1] + dt * plan.pan_acceleration[-1]
+    stop = np.tile(-leaving / (samples * dt), (samples, 1))
+    table = columns(plan.document() | {"stop": {"acceleration": stop}})
+    assert_rows(table.__getitem__, plan)
+    after = {name: values[len(plan) :] for name, values in table.items()}
+    assert after["stop"].all()
+    assert after["t"].tolist() == [(len(plan) + k) / 1000 for k in range(samples + 1)]
+    assert np.array_equal(np.stack([after["pan_ax"], after["pan_ay"]], axis=1)[:-1], stop)
+    velocity = np.stack([after["pan_vx"], after["pan_vy"]], axis=1)
+    position = np.stack([after["pan_x"], after["pan_y"]], axis=1)
+    assert np.allclose(velocity[0], leaving, atol=1e-15)
+    assert np.allclose(velocity[-1], 0.0, atol=1e-12)
+    assert np.allclose(np.diff(position, axis=0), dt * (velocity[:-1] + velocity[1:]) / 2, atol=1e-15)
+    assert (after["pan_ax"][-1], after["pan_ay"][-1]) == (0.0, 0.0)
+    assert set(after["command_x"]) == {plan.command_position[-1, 0]}
+    acceleration = np.concatenate([plan.pan_acceleration, stop])
+    start = np.concatenate([plan.object_position[0], plan.object_velocity[0]])
+    slid = rollout(start, acceleration, plan.friction)[len(plan) - 1 :]
+    for i, name in enumerate(("object_x", "object_y", "object_vx", "object_vy")):
+        assert np.array_equal(after[name], slid[:, i])
 
 
 def test_dataframe_has_every_number_of_the_plan(plan: Plan) -> None:

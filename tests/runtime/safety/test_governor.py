@@ -231,6 +231,7 @@ def test_a_gentle_stop_leaves_a_resting_object_at_rest_where_there_is_room(pan: 
         (("a", 30.0, 1e4), "limit pan_reach must be a number, got 'a'"),
         ((0.2, 30.0, math.inf), "contradict each other: all must be finite, or none: .* jerk inf"),
         ((math.inf, 30.0, 1e4), "contradict each other: all must be finite, or none: pan_reach inf"),
+        ((200.0, 30.0, 1e4), r"must be at most 100 m, got 200 m: is it in millimetres\? Then give 0.2 m"),
         ((-math.inf, 30.0, 1e4), "limit pan_reach must be greater than 0 m, got -inf m"),
         ((True, 30.0, 1e4), "limit pan_reach must be a number, got True"),
         ((0.2, np.bool_(True), 1e4), "limit acceleration must be a number, got "),
@@ -250,7 +251,7 @@ def test_bad_limits_are_refused_with_the_numbers(values: tuple[float, float, flo
         Limits(*values)
 
 
-@pytest.mark.parametrize("limits", [Limits(1e-6, 1e-6, 1e-6), Limits(1e-6, 1e9, 1e9), Limits(1e9, 10.0, 1.0)])
+@pytest.mark.parametrize("limits", [Limits(1e-6, 1e-6, 1e-6), Limits(1e-6, 1e9, 1e9), Limits(100.0, 10.0, 1.0)])
 def test_limits_at_the_ends_of_their_ranges_can_be_kept(limits: Limits) -> None:
     pan = Pan.at(PanState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), limits)
     u, states, _ = drive(pan, list(KINDS), 1)
