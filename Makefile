@@ -27,8 +27,8 @@ serve: $(VENV)/server.stamp ## serve plans and the page on http://127.0.0.1:8000
 test: $(VENV)/dev.stamp ## run every test
 	$(BIN)/python -m pytest
 
-nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind
-	SLIDE_SEQUENCES=100000 $(BIN)/python -m pytest tests/runtime/safety/test_governor.py --durations 5 --timeout 14400
+nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind, and 10,000 stops
+	SLIDE_SEQUENCES=100000 SLIDE_PLANS=10000 $(BIN)/python -m pytest tests/runtime/safety --durations 5 --timeout 14400
 
 check: $(VENV)/dev.stamp docs ## lint, formatting, types, and the documentation with its links
 	$(BIN)/ruff check .

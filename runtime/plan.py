@@ -1,13 +1,14 @@
 """A plan: how the pan is to move so that the object slides along the command, and what to expect of it.
 
 Time line: row k of every array belongs to t_k = k dt, k = 0..K-1; row k of the pan acceleration acts from t_k to
-t_(k+1), so that the last one leads out of the command. A plan's JSON document is the planner's file, the server's
+t_(k+1), so that the last one leads out of the command. The stop follows: row j of its acceleration acts from t_(K+j) to
+t_(K+j+1), and after it the pan is at rest. A plan's JSON document is the planner's file, the server's
 answer and the input of every replay, all the same.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -28,6 +29,7 @@ from runtime.outputs.npz_file import from_npz, to_npz
 from runtime.outputs.plot import plot
 from runtime.physics.law import DT, rollout
 from runtime.physics.motion import Motion, tracking_error
+from runtime.physics.pan import integrate_pan
 from runtime.quality import Quality, Status
 from runtime.sizes import Sizes
 
@@ -39,7 +41,7 @@ __all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "tracking_error"]
 
 PLAN_FORMAT = "slide-plan/1"
 
-OPTIONAL = ("sizes",)
+OPTIONAL = ("sizes", "stop")
 """Keys that plans written by older versions lack."""
 
 DEFAULT_SIZES = Sizes()
@@ -62,6 +64,9 @@ class Plan:
         object_position: (K, 2) predicted, relative to the pan (m).
         quality: figures, limits and status.
         sizes: radii of the pan and of the object.
+        stop_acceleration: (n, 2) in the world (m/s^2), what follows the last row of `pan_acceleration`: the pan comes
+            to rest within its limits, and where that is possible, the object stays on its mark. Empty in plans that
+            were written before plans had a stop.
     """
 
     dt: float
@@ -76,11 +81,13 @@ class Plan:
     object_position: FloatArray
     quality: Quality
     sizes: Sizes = DEFAULT_SIZES
+    stop_acceleration: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @classmethod
     def of(
         cls,
         motion: Motion,
+        stop: FloatArray,
         command_position: FloatArray,
         friction: Friction,
         quality: Quality,
@@ -103,6 +110,7 @@ class Plan:
             object_position=sliding[:, :2].copy(),
             quality=quality,
             sizes=sizes,
+            stop_acceleration=stop.copy(),
         )
 
     def __len__(self) -> int:
@@ -123,6 +131,22 @@ class Plan:
         after = rollout(start, self.pan_acceleration[:-1], friction or self.friction, self.dt)
         return np.concatenate([start[None], after])
 
+    def with_stop(self, friction: Friction | None = None) -> Motion:
+        """Return the plan's K samples and the n of its stop as one motion, maybe under another friction.
+
+        The states of t_0 to t_(K-1) are the plan's own, to the last bit; those after it follow by the double integrator
+        and by the law. Under another friction the object is slid again from the start, as `replay` does.
+        """
+        u = np.concatenate([self.pan_acceleration, self.stop_acceleration])
+        pan = np.concatenate([self.pan_position, self.pan_velocity], axis=1)
+        sliding, after = self.replay(friction), u[len(self) - 1 :]
+        return Motion(
+            u,
+            u,
+            np.concatenate([pan, integrate_pan(pan[-1], after, self.dt)]),
+            np.concatenate([sliding, rollout(sliding[-1], after, friction or self.friction, self.dt)]),
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document; every float keeps all its digits."""
         return listed(self.document())
@@ -140,6 +164,7 @@ class Plan:
                 "velocity": self.pan_velocity,
                 "position": self.pan_position,
             },
+            "stop": {"acceleration": self.stop_acceleration},
             "object": {"velocity": self.object_velocity, "position": self.object_position},
             "sizes": self.sizes.to_dict(),
             "quality": self.quality.to_dict(),
@@ -207,6 +232,7 @@ class Plan:
             command = fields(parts["command"], "command", ("position",))
             pan = fields(parts["pan"], "pan", ("acceleration", "velocity", "position"))
             sliding = fields(parts["object"], "object", ("velocity", "position"))
+            stop = fields(parts["stop"], "stop", ("acceleration",))["acceleration"] if "stop" in parts else []
             dt = number(parts["dt"], "dt")
             if dt <= 0.0:
                 raise InputError(f"dt must be greater than 0 s, got {dt:g}")
@@ -232,6 +258,7 @@ class Plan:
                 object_velocity=rows(sliding["velocity"], "object.velocity"),
                 object_position=rows(sliding["position"], "object.position"),
                 quality=Quality.from_dict(parts["quality"]),
+                stop_acceleration=table(stop, "stop.acceleration"),
                 sizes=Sizes.from_dict(parts["sizes"]) if "sizes" in parts else DEFAULT_SIZES,
             )
 

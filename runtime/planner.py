@@ -27,6 +27,7 @@ from runtime.plan import Plan
 from runtime.refine.candidates import best_candidate
 from runtime.refine.refine import ROBUST, Effort, kernels, refine
 from runtime.safety.pan import Pan
+from runtime.safety.rest import stop_after
 from runtime.sizes import Sizes
 from runtime.start import Start
 from runtime.stream import Stream
@@ -110,10 +111,10 @@ class Planner:
         effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share, job.limits)
         count = _candidates(candidates, 1 if effort is None else REFINED_FROM)
         held = _tolerance(tolerance)
-        motion = best_candidate(self.bundle, job, count, effort.robust if effort is not None else share or 0.0)
+        motion, ahead = best_candidate(self.bundle, job, count, effort.robust if effort is not None else share or 0.0)
         if effort is not None:
-            motion = self._refined(job, motion, effort)
-        return self._plan(job, motion, held)
+            motion, ahead = self._refined(job, motion, effort) or (motion, ahead)
+        return self._plan(job, motion, ahead, held)
 
     def plan_batch(
         self,
@@ -159,9 +160,9 @@ class Planner:
             groups[chunk_count(job.command, self.bundle.manifest)].append(index)
         plans: dict[int, Plan] = {}
         for indices in groups.values():
-            motions = decode(self.bundle, [jobs[index] for index in indices])
+            motions, pans = decode(self.bundle, [jobs[index] for index in indices])
             for row, index in enumerate(indices):
-                plans[index] = self._plan(jobs[index], motions.one(row), held)
+                plans[index] = self._plan(jobs[index], motions.one(row), pans[row], held)
         return [plans[index] for index in range(len(jobs))]
 
     def stream(
@@ -199,9 +200,9 @@ class Planner:
             _value(sizes, manifest.sizes, "sizes"),
         )
 
-    def _refined(self, job: Job, motion: Motion, effort: Effort) -> Motion:
-        """Return one command's motion refined, or as it is if that makes it no better."""
-        better = refine(
+    def _refined(self, job: Job, motion: Motion, effort: Effort) -> tuple[Motion, Pan] | None:
+        """Return one command's motion refined and the pan at its end, None if that makes it no better."""
+        return refine(
             motion.acceleration[: len(job.command)],
             Pan.at_start(job.start, job.limits),
             motion.sliding[0],
@@ -210,14 +211,22 @@ class Planner:
             self.bundle.manifest.chunk,
             effort,
         )
-        return motion if better is None else better
 
-    def _plan(self, job: Job, motion: Motion, tolerance: float | None) -> Plan:
-        """Cut a motion back to the command's K samples and judge it."""
+    def _plan(self, job: Job, motion: Motion, ahead: Pan, tolerance: float | None) -> Plan:
+        """Cut a motion back to the command's K samples, bring it to rest, and judge it.
+
+        Args:
+            job: what was planned.
+            motion: K samples, or more.
+            ahead: the pan at its end.
+            tolerance: as for `plan`.
+        """
         manifest, command, samples = self.bundle.manifest, job.command.position, len(job.command)
+        stop = stop_after(motion, samples, ahead, command[-1], job.friction)
         motion = motion.first(samples)
         quality = assess(
             motion,
+            stop,
             command,
             job.friction,
             job.limits,
@@ -229,7 +238,7 @@ class Planner:
             beyond(asked_for(job.command, job.friction, job.start), manifest.trained_on),
             remarks=(*job.command.remarks, *job.command.notes),
         )
-        return Plan.of(motion, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)
+        return Plan.of(motion, stop, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)
 
 
 def _command(position: Command | ArrayLike) -> Command:

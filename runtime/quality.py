@@ -112,6 +112,8 @@ class Quality:
         friction: under which friction the plan holds a tolerance; None if that was not asked.
         friction_off_rmse: tracking RMSE (m) if both coefficients are 10 % off, lower or higher, open loop: the worst of
             the four ways; None where it is not known.
+        rest_error: distance (m) between where the object rests after the plan's stop and where the command ends; None
+            where it is not known.
         command_off_pan, object_off_pan: where the command, and the object by the prediction, come over the pan's rim;
             None where they do not, or it is not known.
         status: the worst thing to be said.
@@ -133,6 +135,7 @@ class Quality:
     governed: Changes | None = None
     friction: FrictionRange | None = None
     friction_off_rmse: float | None = None
+    rest_error: float | None = None
     command_off_pan: OffPan | None = None
     object_off_pan: OffPan | None = None
 
@@ -146,6 +149,7 @@ class Quality:
             "governed": None if self.governed is None else self.governed._asdict(),
             "friction": None if self.friction is None else self.friction._asdict(),
             "friction_off_rmse": self.friction_off_rmse,
+            "rest_error": self.rest_error,
             "command_off_pan": None if self.command_off_pan is None else self.command_off_pan._asdict(),
             "object_off_pan": None if self.object_off_pan is None else self.object_off_pan._asdict(),
             "status": self.status.value,
@@ -177,6 +181,7 @@ class Quality:
             governed=None if governed is None else _changes(governed, f"{where}.governed"),
             friction=None if friction is None else _friction_range(friction, f"{where}.friction"),
             friction_off_rmse=_optional(parts.get("friction_off_rmse"), f"{where}.friction_off_rmse"),
+            rest_error=_optional(parts.get("rest_error"), f"{where}.rest_error"),
             command_off_pan=_off_pan(parts.get("command_off_pan"), f"{where}.command_off_pan"),
             object_off_pan=_off_pan(parts.get("object_off_pan"), f"{where}.object_off_pan"),
             status=Status(status),
@@ -185,7 +190,15 @@ class Quality:
 
 
 _NUMBERS = tuple(each.name for each in fields_of(Quality)[:6])
-_OPTIONAL = ("worst", "governed", "friction", "friction_off_rmse", "command_off_pan", "object_off_pan")
+_OPTIONAL = (
+    "worst",
+    "governed",
+    "friction",
+    "friction_off_rmse",
+    "rest_error",
+    "command_off_pan",
+    "object_off_pan",
+)
 
 
 def _by_limit(value: object, where: str) -> dict[str, float | None]:

@@ -177,7 +177,8 @@ def _pieces(planner: Planner, position: FloatArray, window: reader.Window) -> fl
     """Return the mean RMSE (m) of the pieces of a command that is planned in one call."""
     manifest = planner.bundle.manifest
     job = Job(Command(position), manifest.friction, manifest.limits, Start())
-    error = decode(planner.bundle, [job], window).sliding[0, : len(position), :2] - position
+    motion, _ = decode(planner.bundle, [job], window)
+    error = motion.sliding[0, : len(position), :2] - position
     squared = (error * error).sum(axis=1)[: len(error) // PIECE * PIECE]
     return float(np.sqrt(squared.reshape(-1, PIECE).mean(axis=1)).mean())
 

@@ -12,6 +12,9 @@ from runtime.physics.law import rollout
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
+from runtime.safety.pan import Pan, state_after
+from runtime.safety.rest import stop_after
+from runtime.safety.stop import RESTING
 from runtime.sizes import Sizes
 
 
@@ -30,5 +33,7 @@ def plan_of_motion(u: FloatArray, friction: Friction, name: str, command_positio
     pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u)])
     motion = Motion(u, u, pan, np.concatenate([start, rollout(start[0], u, friction)]))
     command = motion.sliding[:-1, :2] if command_position is None else command_position
-    quality = assess(motion, command, friction, NO_LIMITS, Sizes(), u[0])
-    return Plan.of(motion, command, friction, quality, name)
+    ahead = Pan(state_after(pan, u), RESTING, NO_LIMITS)
+    stop = stop_after(motion, len(u), ahead, command[-1], friction)
+    quality = assess(motion, stop, command, friction, NO_LIMITS, Sizes(), u[0])
+    return Plan.of(motion, stop, command, friction, quality, name)

@@ -130,13 +130,13 @@ def _source(plan: Plan, options: ArmOptions, stack: ExitStack) -> tuple[Source, 
     if options.server is not None:
         token = os.environ.get("SLIDE_TOKEN")  # a command line is seen by everyone on the machine
         remote = stack.enter_context(RemoteStream(options.server, plan.command_position, token=token))
-        return closed_loop(remote, remote.chunk), _other(plan, remote.model["name"], remote.model["sha256"])
+        return closed_loop(remote, remote.chunk, len(plan)), _other(plan, remote.model["name"], remote.model["sha256"])
     if not options.closed_loop:
         return open_loop(plan), []
     planner = Planner(options.model)
     stream = planner.stream(plan.command_position)
     remarks = _other(plan, planner.bundle.manifest.name, planner.bundle.sha256)
-    return closed_loop(stream, planner.bundle.manifest.chunk), remarks
+    return closed_loop(stream, planner.bundle.manifest.chunk, len(plan)), remarks
 
 
 def _other(plan: Plan, name: str, sha256: str) -> list[str]:

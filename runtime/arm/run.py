@@ -34,8 +34,12 @@ class Follower(Protocol):
         """Give the accelerations (C, 2) (m/s^2) of the next chunk from the last C states, each (C, 4)."""
 
 
-Source = Callable[[int, Sequence[Measured]], FloatArray]
-"""Gives the pan acceleration (2,) (m/s^2) from t_k to t_(k+1), given k and what was measured at t_0..t_k."""
+Source = Callable[[int, Sequence[Measured]], FloatArray | None]
+"""Gives the pan acceleration (2,) (m/s^2) from t_k to t_(k+1), given k and what was measured at t_0..t_k; None past its
+end."""
+
+LONGEST_ENDING = 2.0
+"""Time (s) past the end of the command in which a closed loop should have brought the pan to rest."""
 
 Hook = Callable[[int, Measured], None]
 """Called before each sample with k and what was measured at t_k: an event, a camera, a clock."""
@@ -101,22 +105,25 @@ def check_plan(plan: Plan) -> None:
 
 
 def open_loop(plan: Plan) -> Source:
-    """Give the plan's own accelerations."""
-    return lambda k, measured: plan.pan_acceleration[k]
+    """Give the plan's own accelerations, and those of its stop."""
+    u = np.concatenate([plan.pan_acceleration, plan.stop_acceleration])
+    return lambda k, measured: u[k] if k < len(u) else None
 
 
-def closed_loop(follower: Follower, chunk: int) -> Source:
+def closed_loop(follower: Follower, chunk: int, samples: int) -> Source:
     """Let a network decode again, every C samples, from the last C measured states.
 
-    An object that has left the pan is shown to the network where it was last seen on it.
+    An object that has left the pan is shown to the network where it was last seen on it. The source ends when the
+    follower lets the pan rest past the end of its command, and LONGEST_ENDING after that end at the latest.
 
     Args:
         follower: what decodes.
         chunk: samples it decodes at a time, C.
+        samples: of its command, K.
     """
     u = np.zeros((chunk, 2))
 
-    def source(k: int, measured: Sequence[Measured]) -> FloatArray:
+    def source(k: int, measured: Sequence[Measured]) -> FloatArray | None:
         nonlocal u
         if k % chunk == 0:
             seen = list(measured[1:][-chunk:]) or [measured[0]] * chunk
@@ -126,7 +133,8 @@ def closed_loop(follower: Follower, chunk: int) -> Source:
                 sliding[:] = last.sliding
             u = follower.step(pan, sliding)
         now: FloatArray = u[k % chunk]
-        return now
+        over = k >= samples and (not u.any() or k >= samples + round(LONGEST_ENDING / DT))
+        return None if over else now
 
     return source
 
@@ -135,8 +143,8 @@ def execute(plan: Plan, arm: Arm, source: Source, hooks: Sequence[Hook] = ()) ->
     """Execute a plan's command and bring the pan to rest; the arm is closed in the end, whatever happens.
 
     Each sample: the source gives the pan acceleration, the double integrator of Eq. 3 what it makes of the commanded
-    pan, and the arm is told both. After the plan's last sample the tail takes the source's place. An interrupt from
-    the keyboard ends the run, and what was recorded is returned.
+    pan, and the arm is told both. Where the source ends the tail takes its place: it brakes a pan that still moves,
+    and holds it still. An interrupt from the keyboard ends the run, and what was recorded is returned.
 
     Args:
         plan: gives the command, the object's start and the friction assumed.
@@ -147,11 +155,9 @@ def execute(plan: Plan, arm: Arm, source: Source, hooks: Sequence[Hook] = ()) ->
     log = _Log()
     try:
         measured, pan = arm.reset(plan.object_position[0]), np.zeros(4)
-        for k in range(len(plan)):
-            measured, pan = log.step(arm, measured, pan, lambda k: source(k, log.measured), hooks)
-        tail = brake(pan, measured.sliding, plan.friction)
-        for _ in tail:
-            measured, pan = log.step(arm, measured, pan, lambda k: tail[k - len(plan)], hooks)
+        measured, pan = log.follow(arm, measured, pan, lambda k: source(k, log.measured), hooks)
+        ended, tail = len(log), brake(pan, measured.sliding, plan.friction)
+        log.follow(arm, measured, pan, lambda k: tail[k - ended] if k < ended + len(tail) else None, hooks)
     except KeyboardInterrupt:
         return log.recording(interrupted=True)
     finally:
@@ -168,21 +174,46 @@ class _Log:
         self._u: list[FloatArray] = []
         self._duration = 0.0
 
-    def step(
-        self, arm: Arm, measured: Measured, pan: FloatArray, source: Callable[[int], FloatArray], hooks: Sequence[Hook]
+    def __len__(self) -> int:
+        """Return the number of samples executed."""
+        return len(self._u)
+
+    def follow(
+        self,
+        arm: Arm,
+        measured: Measured,
+        pan: FloatArray,
+        source: Callable[[int], FloatArray | None],
+        hooks: Sequence[Hook],
     ) -> tuple[Measured, FloatArray]:
-        """Execute sample k from what was measured and commanded at t_k; gives both at t_(k+1)."""
-        k = len(self._u)
-        self.measured.append(measured)
-        for hook in hooks:
-            hook(k, measured)
-        begin = time.perf_counter()
-        u = source(k)
-        after = arm.step(PanCommand(pan[:2], pan[2:], u))
-        self._duration += time.perf_counter() - begin
-        self._pan.append(pan)
-        self._u.append(u)
-        return after, integrate_pan(pan, u[None])[0]
+        """Execute what a source gives, until it ends.
+
+        Args:
+            arm: executes.
+            measured, pan: what was measured and commanded last; `pan` (4,) position and velocity (m, m/s).
+            source: the acceleration (2,) of sample k (m/s^2), None at the end.
+            hooks: called before each sample.
+
+        Returns:
+            What was measured and commanded last.
+        """
+        while True:
+            k = len(self)
+            self.measured.append(measured)
+            begin = time.perf_counter()
+            u = source(k)
+            self._duration += time.perf_counter() - begin
+            if u is None:
+                self.measured.pop()
+                return measured, pan
+            for hook in hooks:
+                hook(k, measured)
+            begin = time.perf_counter()
+            measured = arm.step(PanCommand(pan[:2], pan[2:], u))
+            self._duration += time.perf_counter() - begin
+            self._pan.append(pan)
+            self._u.append(u)
+            pan = integrate_pan(pan, u[None])[0]
 
     def recording(self, interrupted: bool) -> Recording:
         """Return what was recorded; of a sample cut short nothing is kept."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from runtime.friction import Friction
 from runtime.limits import UNITS, Limits
 from runtime.physics.law import DT, GRAVITY, rollout
 from runtime.physics.motion import Motion, lengths, tracking_error
+from runtime.physics.positions import slide_to_rest
 from runtime.quality import Changes, FrictionRange, OffPan, Quality, Status
 from runtime.sizes import Sizes
 
@@ -42,6 +44,7 @@ RIM_ROUNDING = 1e-9
 
 def assess(
     motion: Motion,
+    stop: FloatArray,
     command_position: FloatArray,
     friction: Friction,
     limits: Limits,
@@ -54,7 +57,8 @@ def assess(
     """Judge a plan.
 
     Args:
-        motion: K samples of pan and object, as planned; the states after the last are not looked at.
+        motion: K samples of pan and object, as planned.
+        stop: (n, 2) pan accelerations that follow and bring the pan to rest (m/s^2).
         command_position: (K, 2) where the object should be, relative to the pan's centre (m).
         friction: what it was planned for.
         limits: what the governor kept it to.
@@ -78,6 +82,7 @@ def assess(
     changed = _changed(changes, len(u))
     many = changes.samples > FEW * len(u)
     still = _still_error(sliding[0], len(u), command_position, friction)
+    rest = math.dist(slide_to_rest(motion.sliding[-1], stop, friction), command_position[-1])
     off_pan = {"command": _off_pan(command_position, sizes), "object": _off_pan(sliding[:, :2], sizes)}
     notes = {
         Status.LIMIT_EXCEEDED: _exceeded(figures, held),
@@ -101,10 +106,11 @@ def assess(
         governed=changes,
         friction=tolerance,
         friction_off_rmse=friction_off_error(motion, command_position, friction),
+        rest_error=rest,
         command_off_pan=off_pan["command"],
         object_off_pan=off_pan["object"],
         status=status,
-        notes=(*(line for lines in notes.values() for line in lines), *remarks),
+        notes=(*(line for lines in notes.values() for line in lines), *_left_behind(rest), *remarks),
     )
 
 
@@ -173,6 +179,14 @@ def _poor(rmse: float, still: float, without_tolerance: bool) -> list[str]:
     if without_tolerance and rmse > POOR_RMSE:
         lines.append(f"tracking RMSE {rmse:.4g} m is above {POOR_RMSE:g} m")
     return lines
+
+
+def _left_behind(rest: float) -> list[str]:
+    if rest <= POOR_RMSE:
+        return []
+    return [
+        f"after the stop the object rests {rest:.4g} m from the command's end: one that ends at rest keeps it there"
+    ]
 
 
 def _count_changes(u: FloatArray, asked: FloatArray, limits: Limits) -> Changes:

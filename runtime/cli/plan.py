@@ -28,6 +28,7 @@ from runtime.cli.options import (
     conclude,
     friction_off,
     reach_of_limit,
+    stop_of,
 )
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
@@ -210,6 +211,7 @@ def _show(made: Made, as_json: bool) -> None:
             ("tracking RMSE", f"{quality.tracking_rmse * MM:.2f} mm"),
             ("tracking maximum", f"{quality.tracking_max * MM:.2f} mm"),
             ("RMSE if friction is 10 % off", friction_off(plan)),
+            ("stop, object from its mark then", stop_of(plan)),
             ("pan reach", reach_of_limit(plan)),
             ("pan, object radius", f"{plan.sizes.pan_radius * MM:g} mm, {plan.sizes.object_radius * MM:g} mm"),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from runtime.cli.options import FrictionOptions, chosen, conclude, reach_of_limi
 from runtime.documents.writing import check_writable
 from runtime.errors import InputError
 from runtime.interrupt import INTERRUPTED
+from runtime.physics.positions import slide_to_rest
 from runtime.plan import Plan, tracking_error
 from runtime.report.report import Track, write_report
 
@@ -74,6 +76,10 @@ def _replay(plan_file: Path, options: FrictionOptions, report: Path | None, as_j
     distance_at_end = float(np.hypot(*(position[-1] - plan.command_position[-1])))
     _, difference = tracking_error(position, plan.object_position)
     sliding_share = float(np.mean(velocity.any(axis=1)))
+    rest = None
+    if len(plan.stop_acceleration):
+        leaving = plan.with_stop(friction).sliding[len(plan)]
+        rest = math.dist(slide_to_rest(leaving, plan.stop_acceleration, friction), plan.command_position[-1])
 
     if report is not None:
         name = f"friction {friction.static:g}/{friction.kinetic:g}"
@@ -88,6 +94,7 @@ def _replay(plan_file: Path, options: FrictionOptions, report: Path | None, as_j
                 "tracking_rmse": rmse,
                 "tracking_max": worst,
                 "distance_at_end": distance_at_end,
+                "rest_error": rest,
                 "difference_to_plan": difference,
                 "pan_reach": plan.quality.pan_reach,
                 "sliding_share": sliding_share,
@@ -101,6 +108,7 @@ def _replay(plan_file: Path, options: FrictionOptions, report: Path | None, as_j
             ("tracking RMSE", f"{rmse * MM:.2f} mm"),
             ("tracking maximum", f"{worst * MM:.2f} mm"),
             ("object to command at the end", f"{distance_at_end * MM:.2f} mm"),
+            *([] if rest is None else [("the same, at rest after the stop", f"{rest * MM:.2f} mm")]),
             ("largest difference to the plan", f"{difference * MM:.2f} mm"),
             ("pan reach", reach_of_limit(plan)),
             ("share of time sliding", f"{sliding_share:.1%}"),

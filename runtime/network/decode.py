@@ -32,13 +32,16 @@ class Job(NamedTuple):
     sizes: Sizes = DEFAULT_SIZES
 
 
-def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> Motion:
+def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> tuple[Motion, list[Pan]]:
     """Decode B commands of equally many chunks, n, into the motions of their nC samples.
 
     The encoder reads a window of the commands, all of it unless they are long. Then, chunk by chunk, the decoder
     sees the C states its last C accelerations led to and asks for the next C accelerations; the governor makes them
     keep the limits, and they move the pan and, by the law of friction, the object. The network is float32, what
     moves is float64.
+
+    Returns:
+        The motions of the B jobs, and the pans at their ends.
 
     Raises:
         InputError: a pan cannot come to rest in its reach from its start.
@@ -58,6 +61,7 @@ def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) ->
         asked, reader = reader.look(pan, sliding)
         u, pan, pans = govern(pans, asked)
         sliding = slide(sliding[:, -1], u, frictions)
-        for parts, part in ((accelerations, u), (askeds, asked), (pan_states, pan), (slidings, sliding)):
-            parts.append(part)
-    return Motion(*(np.concatenate(parts, axis=1) for parts in (accelerations, askeds, pan_states, slidings)))
+        for each, part in zip((accelerations, askeds, pan_states, slidings), (u, asked, pan, sliding), strict=True):
+            each.append(part)
+    parts = accelerations, askeds, pan_states, slidings
+    return Motion(*(np.concatenate(each, axis=1) for each in parts)), pans

@@ -31,40 +31,62 @@ def slide_positions(state: FloatArray, acceleration: FloatArray, frictions: Sequ
     if law_is_compiled():
         after = [rollout(state, acceleration, friction)[:, :2] for friction in frictions]
         return np.stack([np.concatenate([state[None, :2], positions]) for positions in after])
-    samples = len(acceleration)
-    change = (acceleration[:, 0] + 1j * acceleration[:, 1]) * DT
-    normal = np.full(samples, GRAVITY * DT)
-    if acceleration.shape[1] == 3:
-        normal += acceleration[:, 2] * DT
-    inputs = list(zip(change.tolist(), np.abs(change).tolist(), normal.tolist(), strict=True))
-    most, pressed = (float(values.max(initial=0.0)) for values in (np.abs(change), normal))
-    begin = complex(*state[2:])
-    out = np.empty((len(frictions), samples + 1), dtype=np.complex128)
+    begin, inputs = complex(*state[2:]), _inputs(acceleration)
+    out = np.empty((len(frictions), len(acceleration) + 1), dtype=np.complex128)
     out[:, 0] = complex(*state[:2])
     for row, friction in enumerate(frictions):
-        surely = most + friction.kinetic * pressed
-        velocity = np.array(_velocities(begin, inputs, friction.static, friction.kinetic, surely))
+        velocity = np.array(_velocities(begin, *inputs, friction))
         out[row, 1:] = out[row, 0] + np.cumsum((velocity[1:] + velocity[:-1]) * (0.5 * DT))
     return np.stack([out.real, out.imag], axis=-1)
 
 
+def slide_to_rest(state: FloatArray, acceleration: FloatArray, friction: Friction) -> tuple[float, float]:
+    """Slide an object along pan accelerations, and on while the pan is at rest.
+
+    Args:
+        state, acceleration: as for `slide_positions`.
+        friction: coefficients; without friction the object never rests, and is left where the accelerations end.
+
+    Returns:
+        Where the object comes to rest (m).
+    """
+    begin = complex(*state[2:])
+    velocity = _velocities(begin, *_inputs(acceleration), friction)
+    place = complex(*state[:2]) + (sum(velocity) - 0.5 * (begin + velocity[-1])) * DT
+    last, brake = velocity[-1], friction.kinetic * GRAVITY
+    if last and brake > 0.0:
+        place += last * abs(last) / (2.0 * brake)
+    return place.real, place.imag
+
+
+def _inputs(acceleration: FloatArray) -> tuple[list[tuple[complex, float, float]], float, float]:
+    """Return u dt, |u| dt and n dt (m/s) of each sample, and the largest of each of the last two."""
+    change = (acceleration[:, 0] + 1j * acceleration[:, 1]) * DT
+    push, normal = np.abs(change), np.full(len(acceleration), GRAVITY * DT)
+    if acceleration.shape[1] == 3:
+        normal += acceleration[:, 2] * DT
+    inputs = list(zip(change.tolist(), push.tolist(), normal.tolist(), strict=True))
+    return inputs, float(push.max(initial=0.0)), float(normal.max(initial=0.0))
+
+
 def _velocities(
-    v: complex, inputs: Sequence[tuple[complex, float, float]], static: float, kinetic: float, surely: float
+    v: complex, inputs: Sequence[tuple[complex, float, float]], most: float, pressed: float, friction: Friction
 ) -> list[complex]:
     """Return the object's velocities (m/s) before and after each sample.
 
     Args:
         v: before the first (m/s).
-        inputs: of each sample u dt, |u| dt and n dt (m/s).
-        static, kinetic: the coefficients.
-        surely: the speed (m/s) from which the object cannot come to rest within a sample.
+        inputs, most, pressed: what `_inputs` gives.
+        friction: coefficients.
     """
+    static, kinetic = friction.static, friction.kinetic
+    safe = most + kinetic * pressed  # faster than this, the object cannot come to rest within a sample
     velocities = [v]
     for change, push, normal in inputs:
         if v:
             speed = abs(v)
             after = v - change - v * (kinetic * normal / speed)
-            if speed <= surely and after.real * v.real + after.imag * v.imag <= 0.0:
+            if speed <= safe and after.real * v.real + after.imag * v.imag <= 0.0:
                 after = 0j
             v = after
         elif push >= static * normal and push > 0.0:

@@ -18,10 +18,11 @@ from runtime.physics.law import rollout
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.refine.refine import expected, robust_error
+from runtime.safety.pan import Pan, state_after
 from runtime.start import Pair, Start
 
 
-def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> Motion:
+def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple[Motion, Pan]:
     """Plan a command turned and mirrored, as one batch, and return the plan that tracks best by the law.
 
     Args:
@@ -30,13 +31,17 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> Motio
         count: number of candidates.
         robust: share by which the friction may be off; see `runtime.refine.refine.Effort`.
 
+    Returns:
+        The motion, and the pan at its end.
+
     Raises:
         InputError, BundleError: as `decode`.
     """
     if count == 1:
-        return decode(bundle, [job]).one(0)
+        motion, (ahead,) = decode(bundle, [job])
+        return motion.one(0), ahead
     turns = [_turn(index, count) for index in range(count)]
-    motion = decode(bundle, [job] + [_turned(job, turn) for turn in turns[1:]])
+    motion, pans = decode(bundle, [job] + [_turned(job, turn) for turn in turns[1:]])
     samples, sliding = len(job.command), motion.sliding[0, 0]
     frictions = expected(job.friction, robust)
     errors = [
@@ -45,15 +50,16 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> Motio
     ]
     best = int(np.argmin(errors))
     if best == 0:
-        return motion.one(0)
+        return motion.one(0), pans[0]
     u, asked = motion.acceleration[best] @ turns[best], motion.asked[best] @ turns[best]
     pan = integrate_pan(motion.pan[0, 0], u)
-    return Motion(
+    turned = Motion(
         u,
         asked,
         np.concatenate([motion.pan[0, :1], pan]),
         np.concatenate([sliding[None], rollout(sliding, u, job.friction)]),
     )
+    return turned, Pan(state_after(pan, u), pans[best].brake.turned(turns[best]), job.limits)
 
 
 def _turn(index: int, count: int) -> FloatArray:

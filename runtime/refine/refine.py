@@ -36,6 +36,9 @@ SOFT_REACH = 0.97
 RAMPS = 1.5
 """Times that the acceleration takes from zero to its limit, by which a stop takes longer than at the limit alone."""
 
+BRAKED_FROM = 1.0
+"""Speed of a pan (m/s) that is stopped before it brakes as hard as a loose limit allows."""
+
 DAMPING = 1e-6
 """Damping of the first step (m^2 per (m/s^2)^2)."""
 
@@ -222,7 +225,7 @@ def refine(
     chunk: int,
     effort: Effort,
     loops: Kernels | None = None,
-) -> Motion | None:
+) -> tuple[Motion, Pan] | None:
     """Descend the tracking error of planned accelerations.
 
     Args:
@@ -236,15 +239,15 @@ def refine(
         loops: what to run; `kernels()` if None.
 
     Returns:
-        The best motion found, None if it tracks no better than `u`.
+        The best motion found and the pan at its end, None if it tracks no better than `u`.
     """
     frictions = expected(friction, effort.robust)
     found = _descend(u, pan, sliding, command, frictions, effort, loops or kernels())
-    kept = _governed(found, pan, sliding, friction, len(found))  # a stop from its end alone was seen to
+    kept, ahead = _governed(found, pan, sliding, friction, len(found))  # a stop from its end alone was seen to
     if not np.array_equal(kept.acceleration, found):
-        kept = _governed(found, pan, sliding, friction, chunk)
+        kept, ahead = _governed(found, pan, sliding, friction, chunk)
     before, after = (robust_error(each, sliding, command, frictions) for each in (u, kept.acceleration))
-    return kept if after < before else None
+    return (kept, ahead) if after < before else None
 
 
 def _descend(
@@ -259,7 +262,7 @@ def _descend(
     """Return the best accelerations found until the time is up or the steps are taken."""
     until = time.perf_counter() + effort.seconds
     limits = pan.limits
-    ramps = RAMPS * limits.acceleration / limits.jerk
+    ramps = RAMPS * min(limits.acceleration / limits.jerk, math.sqrt(BRAKED_FROM / limits.jerk))
     within = limits.acceleration, limits.jerk * DT, *pan.state[4:]
     law = SOFT_REACH * limits.pan_reach, ramps
     descent = Descent(loops, u, command, np.array(pan.state[:4]), sliding, frictions, law, within)
@@ -272,7 +275,7 @@ def _descend(
     return best
 
 
-def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, chunk: int) -> Motion:
+def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, chunk: int) -> tuple[Motion, Pan]:
     """Let the governor go over accelerations, `chunk` samples at a time."""
     pans, states, accelerations = [pan], [np.array([pan.state[:4]])], []
     for first in range(0, len(u), chunk):
@@ -280,7 +283,8 @@ def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, 
         accelerations.append(acceleration[0])
         states.append(moved[0])
     kept = np.concatenate(accelerations)
-    return Motion(kept, u, np.concatenate(states), np.concatenate([sliding[None], rollout(sliding, kept, friction)]))
+    slid = np.concatenate([sliding[None], rollout(sliding, kept, friction)])
+    return Motion(kept, u, np.concatenate(states), slid), pans[0]
 
 
 def expected(friction: Friction, robust: float) -> list[Friction]:

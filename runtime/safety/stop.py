@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -44,6 +44,11 @@ class Brake(NamedTuple):
         """Number of samples that are left until the pan rests; the last one's acceleration is zero."""
         return max(0, self.ramp_in + self.hold + self.ramp_out - self.done)
 
+    def turned(self, turn: FloatArray) -> Self:
+        """Return the stop with its accelerations times a (2, 2) matrix, as rows."""
+        (ux, uy), (wx, wy) = (np.array([(self.ux, self.uy), (self.wx, self.wy)]) @ turn).tolist()
+        return self._replace(ux=ux, uy=uy, wx=wx, wy=wy)
+
     def accelerations(self, count: int) -> FloatArray:
         """Return the next `count` accelerations (count, 2) (m/s^2), zeros after the stop."""
         k = np.arange(self.done + 1, self.done + 1 + count)
@@ -58,15 +63,32 @@ RESTING = Brake(0.0, 0.0, 0.0, 0.0, 1, 0, 1)
 """The stop of what rests."""
 
 
+SHORT_RAMP = 0.01
+"""Time (s) from no acceleration to the limit up to which a stop uses all of the limit, whatever it needs."""
+
+
+def strongest(state: PanState, limits: Limits) -> float:
+    """Return the largest braking acceleration of the quickest stop (m/s^2).
+
+    It is the limit, unless the way to the limit and back takes so long that the pan would stand still before: then it
+    is the peak of the stop that goes up and at once down again, so that a looser limit makes no stop longer.
+    """
+    if limits.acceleration <= limits.jerk * SHORT_RAMP:
+        return limits.acceleration
+    speed, push = math.hypot(state.vx, state.vy), math.hypot(state.ux, state.uy)
+    peak = math.sqrt(limits.jerk * speed + 0.5 * push * push)
+    return min(limits.acceleration, max(peak, limits.jerk * DT))
+
+
 def find_brake(state: PanState, limits: Limits, strength: float | None = None) -> Brake:
     """Return a stop within the limits on acceleration and jerk; whether it stays in reach is `stop_reach`'s business.
 
     Args:
         state: where the pan is, how fast, and its acceleration.
         limits: acceleration and jerk; finite.
-        strength: largest braking acceleration (m/s^2), at most the limit; the limit if None.
+        strength: largest braking acceleration (m/s^2), at most the limit; that of the quickest stop if None.
     """
-    strength = limits.acceleration if strength is None else min(strength, limits.acceleration)
+    strength = strongest(state, limits) if strength is None else min(strength, limits.acceleration)
     step = limits.jerk * DT
     ramp_out = math.ceil(strength / step)
     # From any acceleration to any braking one: long enough whatever comes out.
@@ -166,9 +188,10 @@ STRENGTHS = 5
 
 
 def gentle_stop(state: PanState, limits: Limits, friction: Friction) -> Brake | None:
-    """Return the gentlest of a few stops in reach, from GENTLE mu g to the acceleration limit; None if none is."""
-    gentlest = min(GENTLE * friction.static * GRAVITY, limits.acceleration)
-    for strength in np.linspace(gentlest, limits.acceleration, STRENGTHS).tolist():
+    """Return the gentlest of a few stops in reach, from GENTLE mu g to the strongest; None if none is."""
+    most = strongest(state, limits)
+    gentlest = min(GENTLE * friction.static * GRAVITY, most)
+    for strength in np.linspace(gentlest, most, STRENGTHS).tolist():
         if strength > 0.0:
             brake = find_brake(state, limits, strength)
             if stop_reach(state, brake) <= limits.pan_reach:

@@ -15,7 +15,8 @@ from hypothesis.extra import numpy as npst
 
 from runtime import FormatError, Friction, OutputError, Plan, Quality, Sizes, Status
 from runtime.limits import UNITS
-from runtime.physics.law import GRAVITY
+from runtime.physics.law import GRAVITY, rollout
+from runtime.physics.pan import integrate_pan
 from runtime.plan import PLAN_FORMAT
 from runtime.quality import Changes, FrictionRange, OffPan
 
@@ -26,6 +27,7 @@ ARRAYS = (
     "pan_position",
     "object_velocity",
     "object_position",
+    "stop_acceleration",
 )
 finite = st.floats(allow_nan=False, allow_infinity=False)
 printable = st.text(st.characters(exclude_categories=["C", "Z"]), max_size=20)
@@ -51,6 +53,7 @@ def plans(draw: st.DrawFn) -> Plan:
         governed=draw(st.none() | changes),
         friction=draw(st.none() | friction_ranges),
         friction_off_rmse=draw(st.none() | finite),
+        rest_error=draw(st.none() | finite),
         command_off_pan=draw(st.none() | off_pans),
         object_off_pan=draw(st.none() | off_pans),
     )
@@ -61,7 +64,8 @@ def plans(draw: st.DrawFn) -> Plan:
         friction=Friction(static, kinetic),
         quality=quality,
         sizes=draw(sizes),
-        **{name: draw(npst.arrays(np.float64, shape, elements=finite)) for name in ARRAYS},
+        stop_acceleration=draw(npst.arrays(np.float64, (draw(st.integers(0, 4)), 2), elements=finite)),
+        **{name: draw(npst.arrays(np.float64, shape, elements=finite)) for name in ARRAYS[:-1]},
     )
 
 
@@ -92,6 +96,7 @@ def test_document_is_laid_out_as_promised(plan: Plan, tmp_path: Path) -> None:
         "command": ["position"],
         "pan": ["acceleration", "position", "velocity"],
         "object": ["position", "velocity"],
+        "stop": ["acceleration"],
         "sizes": ["object_radius", "pan_radius"],
         "quality": sorted(field.name for field in dataclasses.fields(Quality)),
     }
@@ -117,6 +122,26 @@ def test_replay_under_another_friction_follows_the_law(plan: Plan) -> None:
     dragged = steady.replay(Friction(0.2, 0.1))
     speed = np.hypot(2.0, 1.0) - 0.1 * GRAVITY
     assert np.hypot(*dragged[-1, 2:]) == pytest.approx(speed * t[-1, 0] - 0.1 * GRAVITY * plan.dt, rel=1e-9)
+
+
+def test_plan_with_its_stop_is_one_motion(plan: Plan) -> None:
+    motion, samples = plan.with_stop(), len(plan)
+    assert len(motion.acceleration) == samples + len(plan.stop_acceleration)
+    np.testing.assert_array_equal(motion.acceleration[:samples], plan.pan_acceleration)
+    np.testing.assert_array_equal(motion.acceleration[samples:], plan.stop_acceleration)
+    np.testing.assert_array_equal(motion.pan[:samples], np.hstack([plan.pan_position, plan.pan_velocity]))
+    np.testing.assert_array_equal(motion.sliding[:samples], np.hstack([plan.object_position, plan.object_velocity]))
+    whole = integrate_pan(motion.pan[0], motion.acceleration)
+    np.testing.assert_allclose(motion.pan[1:], whole, atol=1e-12)
+    np.testing.assert_array_equal(motion.sliding[1:], rollout(motion.sliding[0], motion.acceleration, plan.friction))
+    np.testing.assert_allclose(motion.pan[-1, 2:], 0.0, atol=1e-12)
+
+
+def test_plan_with_its_stop_under_another_friction_is_the_replay_and_what_follows(plan: Plan) -> None:
+    motion = plan.with_stop(Friction(0.7, 0.3))
+    np.testing.assert_array_equal(motion.sliding[: len(plan)], plan.replay(Friction(0.7, 0.3)))
+    after = rollout(motion.sliding[0], motion.acceleration, Friction(0.7, 0.3))
+    np.testing.assert_array_equal(motion.sliding[1:], after)
 
 
 def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
@@ -160,6 +185,8 @@ def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("object.velocity", 0.0, "object.velocity must be a list"),
         ("object.position", [[1e999, 0.0]] * 250, r"object.position\[0\], column x: inf is not a finite number"),
         ("object.speed", 0.0, "object: unknown key 'speed'"),
+        ("stop.acceleration", ..., "stop: missing key 'acceleration'"),
+        ("stop.acceleration", [[0.0]], r"stop.acceleration\[0\] must be a pair"),
         ("sizes.pan_radius", ..., "sizes: missing key 'pan_radius'"),
         ("sizes.pan_radius", -1.0, "pan_radius must be above 0 and at most 10 m, got -1 m"),
         ("sizes.object_radius", 0.2, "object_radius must be at least 0 m and less than the pan's, 0.18 m, got 0.2 m"),
@@ -274,16 +301,25 @@ def test_save_into_what_cannot_hold_it_is_an_output_error(plan: Plan, tmp_path: 
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.json"]
 
 
-def test_plan_written_before_the_governor_and_the_rim_is_still_read(plan: Plan) -> None:
+def test_plan_written_before_the_governor_the_rim_and_the_stop_is_still_read(plan: Plan) -> None:
     document = plan.to_dict()
-    del document["sizes"]
+    del document["sizes"], document["stop"]
     quality = document["quality"]
-    for name in ("worst", "governed", "friction", "friction_off_rmse", "command_off_pan", "object_off_pan"):
+    for name in (
+        "worst",
+        "governed",
+        "friction",
+        "friction_off_rmse",
+        "rest_error",
+        "command_off_pan",
+        "object_off_pan",
+    ):
         del quality[name]
     for name in ("limits", "margins"):
         quality[name] = {"pan_reach": 0.2, "acceleration": None}
     quality["status"] = "limit_exceeded"
     assert Plan.from_dict(document).sizes == Sizes(0.18, 0.03)
+    assert Plan.from_dict(document).stop_acceleration.shape == (0, 2)
     old = Plan.from_dict(document).quality
     assert old.limits == {"pan_reach": 0.2, "acceleration": None, "jerk": None}
     assert (old.governed, old.friction, old.worst) == (None, None, dict.fromkeys(UNITS))

@@ -134,6 +134,6 @@ def arm_table(rows_of: Mapping[str, Mapping[str, ArmRow]]) -> str:
 def _execute(subject: Subject, plan: Plan, control: ControlSettings, closed: bool) -> Results:
     source = open_loop(plan)
     if closed:
-        source = closed_loop(subject.follow(plan.command_position), subject.chunk)
+        source = closed_loop(subject.follow(plan.command_position), subject.chunk, len(plan))
     arm = SimulatedArm(Simulated(control=control, friction=IN_PYBULLET.kinetic))
     return Results.of(plan, execute(plan, arm, source), IN_PYBULLET.kinetic)

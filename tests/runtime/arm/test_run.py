@@ -65,7 +65,7 @@ def test_open_loop_on_an_ideal_arm_is_the_plan(plan: Plan) -> None:
 
 def test_closed_loop_on_an_ideal_arm_is_the_plan(planner: Planner, make_curve: Callable[..., FloatArray]) -> None:
     plan = planner.plan(make_curve(350))
-    source = closed_loop(planner.stream(plan.command_position), planner.bundle.manifest.chunk)
+    source = closed_loop(planner.stream(plan.command_position), planner.bundle.manifest.chunk, len(plan))
     recording = execute(plan, IdealArm(plan.friction), source)
     assert recording.pan_acceleration[: len(plan)] == pytest.approx(plan.pan_acceleration, abs=1e-9)
 
@@ -83,7 +83,7 @@ def test_closed_loop_shows_the_network_what_was_measured() -> None:
         state = np.full(4, float(k))
         return Measured(state, 0.0, 0.0, state, status, np.zeros(6), np.zeros(6))
 
-    source, log = closed_loop(Recorder(), 4), [measured(0)]
+    source, log = closed_loop(Recorder(), 4, 13), [measured(0)]
     for k in range(13):
         assert source(k, log)[0] == k // 4 + 1
         log.append(measured(k + 1))

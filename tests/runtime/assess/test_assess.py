@@ -15,6 +15,7 @@ from runtime.physics.motion import Motion
 from runtime.quality import Changes, FrictionRange, OffPan
 
 Array = NDArray[np.float64]
+STOP, STILL = np.zeros((1, 2)), np.zeros((400, 2))
 WORLD = np.array([0.65, 0.0])
 """Where a pan may be in a robot's world (m)."""
 
@@ -31,9 +32,10 @@ def judge(
     pan[:3, :2] = [[0.0, 0.0], [0.06, 0.08], [0.0, -0.02]]
     command = np.array([[0.0, 0.0], [0.02, 0.0], [0.04, 0.0]])
     sliding[:3, :2] = command + np.array([[0.0, 0.0], [0.003, 0.004], [0.0, 0.001]])
+    sliding[3, :2] = command[-1]
     sliding[1, 3] = 1e-300
     motion = Motion(u, u if asked is None else asked, pan, sliding)
-    return assess(motion, command, Friction(0.3, 0.2), limits or Limits(), Sizes(), np.array(before), **more)
+    return assess(motion, STOP, command, Friction(0.3, 0.2), limits or Limits(), Sizes(), np.array(before), **more)
 
 
 def follow(command: Array, error: float, sizes: Sizes | None = None, **more: Any) -> Quality:
@@ -42,10 +44,11 @@ def follow(command: Array, error: float, sizes: Sizes | None = None, **more: Any
     sliding = np.zeros((samples + 1, 4))
     sliding[:-1, :2] = command
     sliding[1:-1, 0] += error
+    sliding[-1, :2] = command[-1]
     u = np.zeros((samples, 2))
     motion = Motion(u, u, np.zeros((samples + 1, 4)), sliding)
     arguments: dict[str, Any] = {"friction": Friction(), "limits": Limits()} | more
-    return assess(motion, command, sizes=sizes or Sizes(), acceleration_before=np.zeros(2), **arguments)
+    return assess(motion, STOP, command, sizes=sizes or Sizes(), acceleration_before=np.zeros(2), **arguments)
 
 
 def stroke(length: float, samples: int = 400) -> Array:
@@ -112,7 +115,13 @@ def test_a_plan_is_governed_up_to_the_share_and_limited_beyond() -> None:
         states = np.zeros((401, 4))
         sliding = np.concatenate([np.concatenate([command, command[-1:]]), np.zeros((401, 2))], axis=1)
         quality = assess(
-            Motion(np.zeros((400, 2)), asked, states, sliding), command, Friction(), Limits(), Sizes(), np.zeros(2)
+            Motion(np.zeros((400, 2)), asked, states, sliding),
+            STOP,
+            command,
+            Friction(),
+            Limits(),
+            Sizes(),
+            np.zeros(2),
         )
         assert quality.status is status
 
@@ -161,7 +170,8 @@ def test_poor_counts_from_where_a_pan_at_rest_lets_the_object_slide() -> None:
     motion = Motion(np.zeros((400, 2)), np.zeros((400, 2)), np.zeros((401, 4)), np.zeros((401, 4)))
     motion.sliding[:400, :2] = command + np.array([0.0, 0.008])
     motion.sliding[0] = [0.0, 0.0, 1.0, 0.0]
-    quality = assess(motion, command, Friction(1.0, 0.5), Limits(), Sizes(), np.zeros(2))
+    motion.sliding[-1, :2] = command[-1]
+    quality = assess(motion, STOP, command, Friction(1.0, 0.5), Limits(), Sizes(), np.zeros(2))
     assert quality.status is Status.POOR
     assert "more than half" in quality.notes[0]
 
@@ -217,6 +227,18 @@ def test_off_pan_counts_from_the_pans_centre_and_asks_where_that_is() -> None:
 def test_bad_sizes_are_refused_with_the_numbers(sizes: tuple[Any, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Sizes(*sizes)
+
+
+def test_stop_that_leaves_the_object_behind_is_a_note_and_no_status() -> None:
+    command = stroke(0.05)
+    sliding = np.concatenate([np.concatenate([command, command[-1:]]), np.zeros((401, 2))], axis=1)
+    sliding[-1, 2] = 1.0  # at the end it slides at 1 m/s: 1 / (2 x 0.5 x 9.8) m farther it rests
+    motion = Motion(STILL, STILL, np.zeros((401, 4)), sliding)
+    quality = assess(motion, STOP, command, Friction(1.0, 0.5), Limits(), Sizes(), np.zeros(2))
+    assert quality.rest_error == pytest.approx(0.102, abs=1e-3)
+    assert quality.status is Status.OK
+    assert quality.notes[0].startswith("after the stop the object rests 0.10")
+    assert follow(command, 0.001).rest_error == 0.0
 
 
 def test_statuses_from_poor_on_have_failed() -> None:

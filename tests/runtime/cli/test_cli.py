@@ -291,6 +291,7 @@ def test_slide_run_replays_the_plan(slide: Slide, plan: Plan, plan_file: Path) -
     assert result["tracking_rmse"] == plan.quality.tracking_rmse
     assert result["sliding_share"] == plan.quality.sliding_share
     assert result["difference_to_plan"] == 0.0
+    assert result["rest_error"] == pytest.approx(plan.quality.rest_error, abs=1e-12)
     assert result["distance_at_end"] == np.hypot(*(plan.object_position[-1] - plan.command_position[-1]))
 
 

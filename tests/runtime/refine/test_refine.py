@@ -72,7 +72,7 @@ def test_plain_and_compiled_loops_agree(plain: Plan) -> None:
             plain.pan_acceleration, pan, sliding, plain.command_position, plain.friction, 100, Effort(0.0, 3), loops
         )
         assert found is not None
-        return found.acceleration
+        return found[0].acceleration
 
     compiled = refined()
     np.testing.assert_allclose(refined(PLAIN), compiled, atol=1e-6)

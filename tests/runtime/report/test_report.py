@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 LIMITS = Limits(jerk=50_000.0)
+STOP = np.zeros((1, 2))
 HOSTILE = "</script><script>document.title='taken'</script><!-- <b>&amp;\u2028@@REPORT@@"
 VIEWER = Path(runtime.report.__file__).parent / "viewer"
 RESOLUTION = 0.5e-6 * (1 + 1e-9)
@@ -60,8 +61,8 @@ def shaken_plan(samples: int = 700, friction: Friction | None = None) -> Plan:
     pan = np.concatenate([rest, integrate_pan(rest[0], u)])
     command = np.stack([0.05 * np.sin(k / 150), 0.03 * np.cos(k / 120) - 0.03], axis=1)
     motion = Motion(u, u, pan, sliding)
-    quality = assess(motion, command, friction, LIMITS, Sizes(), u[0])
-    return Plan.of(motion, command, friction, quality, "shaken", "ab" * 32)
+    quality = assess(motion, STOP, command, friction, LIMITS, Sizes(), u[0])
+    return Plan.of(motion, STOP, command, friction, quality, "shaken", "ab" * 32)
 
 
 def replayed(plan: Plan, name: str, friction: Friction) -> Track:
