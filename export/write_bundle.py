@@ -61,15 +61,18 @@ def export_bundle(checkpoint: Path, folder: Path) -> Exported:
 def bundle_folder(folder: Path) -> Iterator[Path]:
     """Give a temporary folder to write a bundle into; it takes the place of `folder` unless something is raised.
 
+    A link stays a link: the folder it leads to is replaced.
+
     Raises:
         OutputError: `folder` holds something that is no bundle, or cannot be written.
     """
     _check_replaceable(folder)
-    temporary = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.tmp"
+    target = Path(os.path.realpath(folder))
+    temporary = target.parent / f".{target.name}.{secrets.token_hex(4)}.tmp"
     try:
         temporary.mkdir(parents=True)
         yield temporary
-        _replace_folder(folder, temporary)
+        _replace_folder(target, temporary)
     except OSError as error:
         raise OutputError(f"cannot write the bundle {folder}: {error.strerror or error}") from error
     finally:

@@ -156,6 +156,16 @@ def test_bundle_is_replaced_by_a_new_one_and_nothing_else_is_left(run, tmp_path)
     assert json.loads((tmp_path / "bundle" / "manifest.json").read_text())["format"] == "slide-bundle/1"
 
 
+def test_a_link_to_a_bundle_stays_a_link(tmp_path):
+    (tmp_path / "latest").symlink_to("bundle")
+    for text in ("one", "two"):
+        with bundle_folder(tmp_path / "latest") as folder:
+            (folder / "manifest.json").write_text(text)
+    assert (tmp_path / "latest").is_symlink()
+    assert (tmp_path / "bundle" / "manifest.json").read_text() == "two"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["bundle", "latest"]
+
+
 def test_absent_checkpoint_is_refused(tmp_path):
     with pytest.raises(FormatError, match="no such checkpoint"):
         export_bundle(tmp_path / "nowhere", tmp_path / "bundle")
