@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from runtime.assess.assess import assess
 from runtime.documents.checks import FloatArray, check_format, fields, number, table, text
 from runtime.documents.files import parse_json, parse_npz, read_bytes, read_text, reading
 from runtime.documents.writing import write_whole
 from runtime.errors import InputError
 from runtime.friction import Friction
+from runtime.limits import NO_LIMITS
 from runtime.outputs.csv_file import to_csv
 from runtime.outputs.formats import FORMATS, format_of
 from runtime.outputs.frame import to_dataframe
@@ -31,6 +33,9 @@ from runtime.physics.law import DT, rollout
 from runtime.physics.motion import Motion, tracking_error
 from runtime.physics.pan import integrate_pan
 from runtime.quality import Quality, Status
+from runtime.safety.pan import Pan, state_after
+from runtime.safety.rest import stop_after
+from runtime.safety.stop import RESTING
 from runtime.sizes import Sizes
 
 if TYPE_CHECKING:
@@ -112,6 +117,29 @@ class Plan:
             sizes=sizes,
             stop_acceleration=stop.copy(),
         )
+
+    @classmethod
+    def of_accelerations(
+        cls, u: FloatArray, friction: Friction, name: str, command_position: FloatArray | None = None
+    ) -> Self:
+        """Return a plan that no network made: of given pan accelerations, within no limits, from rest.
+
+        Args:
+            u: (K, 2) pan accelerations (m/s^2).
+            friction: coefficients that the object's motion is predicted with.
+            name: what stands in the place of the model's name.
+            command_position: (K, 2) where the object should be (m), and where it begins; what is predicted from the
+                pan's centre if None.
+        """
+        start = np.zeros((1, 4))
+        if command_position is not None:
+            start[0, :2] = command_position[0]
+        pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u)])
+        motion = Motion(u, u, pan, np.concatenate([start, rollout(start[0], u, friction)]))
+        command = motion.sliding[:-1, :2] if command_position is None else command_position
+        stop = stop_after(motion, len(u), Pan(state_after(pan, u), RESTING, NO_LIMITS), command[-1], friction)
+        quality = assess(motion, stop, command, friction, NO_LIMITS, DEFAULT_SIZES, u[0])
+        return cls.of(motion, stop, command, friction, quality, name)
 
     def __len__(self) -> int:
         """Return the number of samples, K."""

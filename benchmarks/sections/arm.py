@@ -18,7 +18,6 @@ from benchmarks.harness.tables import targets_table
 from benchmarks.harness.targets import COUNT, MILLIMETRES, TIMES, Target, Unit, Verdict
 from benchmarks.suite.families import minimum_jerk, spline
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
-from runtime.arm.motion import plan_of_motion
 from runtime.arm.results import Results
 from runtime.arm.run import closed_loop, execute, open_loop
 from runtime.arm.simulation import Simulated, SimulatedArm
@@ -228,7 +227,7 @@ def stick_slip_plan(seed: int) -> Plan:
         velocity[0] = 0.0
         u = np.diff(velocity, axis=0, append=velocity[-1:]) / DT
         u *= rng.uniform(*PEAKS) / np.hypot(*u.T).max()
-        plan = plan_of_motion(u, SLIPPERY, "test motion")
+        plan = Plan.of_accelerations(u, SLIPPERY, "test motion")
         if 0.005 < np.hypot(*plan.object_position.T).max() < OBJECT_REACH:
             return plan
 

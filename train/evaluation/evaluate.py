@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from runtime import Friction, Plan, Planner
-from runtime.arm.motion import plan_of_motion
 from runtime.arm.run import Follower
 from runtime.network.manifest import Manifest
 from train.batches.batches import Batch, make_batch
@@ -87,7 +86,9 @@ def load_subject(source: Path, name: str = "") -> Subject:
         with torch.no_grad():
             u = decode(model, inputs.command, inputs.static, inputs.kinetic).u.numpy()
         samples = position.shape[1]
-        return [plan_of_motion(one[:samples], friction, name, each) for one, each in zip(u, position, strict=True)]
+        return [
+            Plan.of_accelerations(one[:samples], friction, name, each) for one, each in zip(u, position, strict=True)
+        ]
 
     origin = f"{_trained(config, checkpoint['epoch'], checkpoint.get('began_with'))}; no limits"
     return Subject(name, plan_by_network, lambda position: NetworkStream(model, position), config.chunk, origin)

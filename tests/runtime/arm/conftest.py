@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from runtime import Friction, Plan
-from runtime.arm.motion import plan_of_motion
 from runtime.cli.run import run_main
 
 SlideRun = Callable[..., tuple[int, str, str]]
@@ -41,6 +40,6 @@ def shake_file(tmp_path: Path) -> Path:
 def save_shake(path: Path, peak: float, samples: int = 300) -> Path:
     t = np.arange(samples) * 1e-3
     u = peak * np.sin(2.0 * np.pi * t / 0.15)[:, None] * (1.0, 0.5)
-    plan: Plan = plan_of_motion(u, Friction(0.5, 0.5), "shake")
+    plan: Plan = Plan.of_accelerations(u, Friction(0.5, 0.5), "shake")
     plan.save(path)
     return path

@@ -12,8 +12,7 @@ import pytest
 
 pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
 
-from runtime import Friction, Planner
-from runtime.arm.motion import plan_of_motion
+from runtime import Friction, Plan, Planner
 from runtime.arm.options import ArmOptions
 from runtime.arm.program import run_on_arm
 from runtime.documents.checks import FloatArray
@@ -96,7 +95,7 @@ def test_an_object_that_topples_is_said_with_its_time(slide_run: SlideRun, tmp_p
 
 def test_a_plan_beyond_reach_runs_within_limits_and_says_so(slide_run: SlideRun, tmp_path: Path) -> None:
     path = tmp_path / "away.json"
-    plan_of_motion(np.tile([6.0, 0.0], (600, 1)), Friction(1.0, 0.5), "away").save(path)
+    Plan.of_accelerations(np.tile([6.0, 0.0], (600, 1)), Friction(1.0, 0.5), "away").save(path)
     code, out, err = slide_run(path, "--pybullet", "--json")
     assert (code, err.count("\n")) == (1, 1)
     assert "the arm was held back for " in err
@@ -116,7 +115,7 @@ def test_plans_that_cannot_be_executed_exit_2(
     slide_run: SlideRun, shake_file: Path, changes: dict[str, object], message: str
 ) -> None:
     if "samples" in changes:
-        plan_of_motion(np.zeros((60_001, 2)), Friction(), "long").save(shake_file)
+        Plan.of_accelerations(np.zeros((60_001, 2)), Friction(), "long").save(shake_file)
     else:
         document = json.loads(shake_file.read_text())
         if "dt" in changes:

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime import Friction, InputError, Limits, Plan, Planner, Start
-from runtime.arm.motion import plan_of_motion
 from runtime.limits import NO_LIMITS
 from runtime.physics.law import DT, GRAVITY, rollout
 from runtime.physics.pan import integrate_pan
@@ -91,7 +90,7 @@ def test_batches_end_as_lone_plans_do(planner: Planner) -> None:
 def test_plan_without_limits_ends_at_rest(planner: Planner) -> None:
     rng = np.random.default_rng(6)
     plans = [planner.plan(0.001 * rng.normal(0.0, 1.0, (150, 2)), limits=NO_LIMITS)]
-    plans.append(plan_of_motion(rng.normal(0.0, 20.0, (200, 2)), Friction(0.5, 0.4), "drawn"))
+    plans.append(Plan.of_accelerations(rng.normal(0.0, 20.0, (200, 2)), Friction(0.5, 0.4), "drawn"))
     for plan in plans:
         motion = plan.with_stop()
         np.testing.assert_allclose(motion.pan[-1, 2:], 0.0, atol=TOLERANCE)
