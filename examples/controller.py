@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import Friction, Planner, StreamStatus
-from runtime.physics.law import rollout
+from runtime.physics.law import slide_one
 from runtime.physics.pan import integrate_pan
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def plant(commands: queue.Queue[Array | None], measured: queue.Queue[tuple[Array
         u = commands.get()
         if u is None:
             return
-        pans, slidings = integrate_pan(pan, u), rollout(sliding, u, ACTUAL)
+        pans, slidings = integrate_pan(pan, u), slide_one(sliding, u, ACTUAL)
         pan, sliding = pans[-1], slidings[-1] + (PUSH if count == push_at else 0.0)
         slidings[-1] = sliding
         noise = rng.standard_normal((2, *pans.shape)) * NOISE

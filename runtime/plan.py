@@ -29,7 +29,7 @@ from runtime.outputs.json_file import listed
 from runtime.outputs.notebook import summary, to_html
 from runtime.outputs.npz_file import from_npz, to_npz
 from runtime.outputs.plot import plot
-from runtime.physics.law import DT, rollout
+from runtime.physics.law import DT, slide_one
 from runtime.physics.motion import Motion, tracking_error
 from runtime.physics.pan import integrate_pan
 from runtime.quality import Quality, Status
@@ -135,7 +135,7 @@ class Plan:
         if command_position is not None:
             start[0, :2] = command_position[0]
         pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u)])
-        motion = Motion(u, u, pan, np.concatenate([start, rollout(start[0], u, friction)]))
+        motion = Motion(u, u, pan, np.concatenate([start, slide_one(start[0], u, friction)]))
         command = motion.sliding[:-1, :2] if command_position is None else command_position
         stop = stop_after(motion, len(u), Pan(state_after(pan, u), RESTING, NO_LIMITS), command[-1], friction)
         quality = assess(motion, stop, command, friction, NO_LIMITS, DEFAULT_SIZES, u[0])
@@ -156,7 +156,7 @@ class Plan:
         """
         start = np.concatenate([self.object_position[0], self.object_velocity[0]])
         # The last acceleration leads out of the time line: nothing of it is seen.
-        after = rollout(start, self.pan_acceleration[:-1], friction or self.friction, self.dt)
+        after = slide_one(start, self.pan_acceleration[:-1], friction or self.friction, self.dt)
         return np.concatenate([start[None], after])
 
     def with_stop(self, friction: Friction | None = None) -> Motion:
@@ -172,7 +172,7 @@ class Plan:
             u,
             u,
             np.concatenate([pan, integrate_pan(pan[-1], after, self.dt)]),
-            np.concatenate([sliding, rollout(sliding[-1], after, friction or self.friction, self.dt)]),
+            np.concatenate([sliding, slide_one(sliding[-1], after, friction or self.friction, self.dt)]),
         )
 
     def to_dict(self) -> dict[str, Any]:

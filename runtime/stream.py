@@ -23,7 +23,7 @@ from runtime.measured import check_age, check_states, complete
 from runtime.network.bundle import Bundle
 from runtime.network.decode import Job
 from runtime.network.reader import Reader
-from runtime.physics.law import rollout
+from runtime.physics.law import slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.safety.governor import govern
@@ -216,7 +216,7 @@ class Stream:
         return StreamState(Motion(u, u, *still), pan, pan)
 
     def _slide(self, state: FloatArray, u: FloatArray) -> FloatArray:
-        return rollout(state, u, self._friction)
+        return slide_one(state, u, self._friction)
 
     def _seen(
         self,

@@ -20,7 +20,7 @@ from benchmarks.harness.timing import Spread, environment_with_runtime, interlea
 from benchmarks.suite.families import SAMPLES, spline
 from runtime.errors import SlideError
 from runtime.limits import NO_LIMITS
-from runtime.physics.law import rollout
+from runtime.physics.law import slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.planner import Planner
 
@@ -109,7 +109,7 @@ def _steps(planner: Planner) -> Iterator[float]:
             begin = time.perf_counter()
             u = stream.step(pan, sliding)
             yield time.perf_counter() - begin
-            pan, sliding = integrate_pan(pan[-1], u), rollout(sliding[-1], u, manifest.friction)
+            pan, sliding = integrate_pan(pan[-1], u), slide_one(sliding[-1], u, manifest.friction)
 
 
 def _governor_share(planner: Planner, rounds: int) -> float:

@@ -20,7 +20,7 @@ from runtime.errors import extra
 from runtime.friction import Friction
 from runtime.network import reader
 from runtime.network.decode import Job, decode
-from runtime.physics.law import DT, rollout
+from runtime.physics.law import DT, slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.planner import Planner
 from runtime.start import Start
@@ -217,7 +217,7 @@ def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, distu
     for count in range(len(position) // chunk):
         u = stream.step(*states)
         pans = integrate_pan(pan, u)
-        slidings = rollout(sliding, u, ACTUAL if disturbed and count >= FRICTION_STEP else friction)
+        slidings = slide_one(sliding, u, ACTUAL if disturbed and count >= FRICTION_STEP else friction)
         commanded = position[np.minimum(np.arange(count * chunk + 1, (count + 1) * chunk + 1), len(position) - 1)]
         errors.append(np.sqrt(((slidings[:, :2] - commanded) ** 2).sum(axis=1).mean()))
         if disturbed and count == PUSHED - 1:

@@ -25,7 +25,7 @@ from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND
 from runtime.documents.checks import FloatArray
 from runtime.errors import MissingExtraError, SlideError, extra
 from runtime.network.bundle import Bundle
-from runtime.physics.law import compile_law, rollout, rollout_batch
+from runtime.physics.law import compile_law, slide_batch, slide_one
 from runtime.planner import Planner
 
 LAW_SAMPLES = 300
@@ -264,12 +264,12 @@ def law_speed(batches: Sequence[int], rounds: int) -> LawSpeed:
 
 def _scalar_law(u: FloatArray) -> Callable[[], object]:
     start = np.zeros(4)
-    return lambda: [rollout(start, each, NOMINAL) for each in u]
+    return lambda: [slide_one(start, each, NOMINAL) for each in u]
 
 
 def _batched_law(u: FloatArray) -> Callable[[], object]:
     start = np.zeros((len(u), 4))
-    return lambda: rollout_batch(start, u, NOMINAL.static, NOMINAL.kinetic)
+    return lambda: slide_batch(start, u, NOMINAL.static, NOMINAL.kinetic)
 
 
 def process_time(model: Path, rounds: int) -> Spread:

@@ -16,7 +16,7 @@ from benchmarks.suite.families import Family, lengths
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.friction import Friction
-from runtime.physics.law import rollout_batch
+from runtime.physics.law import slide_batch
 from runtime.physics.pan import integrate_pan
 from runtime.planner import Planner
 
@@ -145,7 +145,7 @@ def _move(accelerations: Sequence[FloatArray], family: Family) -> list[FloatArra
     start[:, 0, 4:6] = [position[0] for position in family.positions]
     static = np.array([each.static for each in family.frictions])
     kinetic = np.array([each.kinetic for each in family.frictions])
-    sliding = rollout_batch(start[:, 0, 4:], u, static, kinetic)
+    sliding = slide_batch(start[:, 0, 4:], u, static, kinetic)
     after = np.concatenate([integrate_pan(start[:, 0, :4], u), sliding], axis=-1)
     states = np.concatenate([start, after], axis=1)
     return [each[: len(position)] for each, position in zip(states, family.positions, strict=True)]

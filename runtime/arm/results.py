@@ -13,7 +13,7 @@ from runtime.arm.interface import ObjectStatus
 from runtime.arm.run import Recording
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import DT, rollout
+from runtime.physics.law import DT, slide_one
 from runtime.plan import Plan, tracking_error
 from runtime.report.report import Track
 
@@ -135,7 +135,7 @@ class Results:
 
 def _law_rms(pan: FloatArray, sliding: FloatArray, friction: float) -> float:
     acceleration = np.diff(pan[:, 2:], axis=0) / DT
-    law = rollout(sliding[0], acceleration, Friction(friction, friction))
+    law = slide_one(sliding[0], acceleration, Friction(friction, friction))
     return tracking_error(sliding[1:, :2], law[:, :2])[0] if len(law) else 0.0
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from runtime.arm.geometry import OBJECT_RADIUS, PAN_RADIUS
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import DT, rollout
+from runtime.physics.law import DT, slide_one
 from runtime.physics.pan import integrate_pan
 
 BRAKES = (1.5, 2.5, 4.0, 6.0, 9.0, 13.0, 18.0)
@@ -44,7 +44,7 @@ def brake(pan: FloatArray, sliding: FloatArray, friction: Friction) -> FloatArra
     least = Friction(friction.kinetic, friction.kinetic)
 
     def cost(tail: FloatArray) -> tuple[float, float, float]:
-        object_position = rollout(sliding, tail, least)[:, :2]
+        object_position = slide_one(sliding, tail, least)[:, :2]
         object_reach = float(np.hypot(*object_position.T).max())
         pan_reach = float(np.hypot(*integrate_pan(pan, tail)[-1, :2]))
         moved = float(np.hypot(*(object_position - sliding[:2]).T).max())

@@ -11,7 +11,7 @@ from runtime.assess.sureness import friction_off_error
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import UNITS, Limits
-from runtime.physics.law import DT, GRAVITY, rollout
+from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.motion import Motion, lengths, tracking_error
 from runtime.physics.positions import slide_to_rest
 from runtime.quality import Changes, FrictionRange, OffPan, Quality, Status
@@ -165,7 +165,7 @@ def _still_error(start: FloatArray, samples: int, command_position: FloatArray, 
     """Return the tracking RMSE (m) on a pan that never moves, of an object that starts at (4,)."""
     position = np.broadcast_to(start[:2], (samples, 2))
     if start[2:].any():
-        after = rollout(start, np.zeros((samples - 1, 2)), friction)
+        after = slide_one(start, np.zeros((samples - 1, 2)), friction)
         position = np.concatenate([start[None], after])[:, :2]
     return tracking_error(position, command_position)[0]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import rollout_batch
+from runtime.physics.law import slide_batch
 from runtime.physics.motion import Motion, lengths
 from runtime.physics.positions import slide_positions
 from runtime.quality import FrictionRange
@@ -61,7 +61,7 @@ def friction_range(
     u, start = motion.acceleration, motion.sliding[0]
     inputs = np.broadcast_to(u[:-1], (len(cells), len(u) - 1, 2))
     grid = np.array(cells)
-    states = rollout_batch(np.tile(start, (len(cells), 1)), inputs, grid[:, 0], grid[:, 1])
+    states = slide_batch(np.tile(start, (len(cells), 1)), inputs, grid[:, 0], grid[:, 1])
     errors = lengths(states[..., :2] - command_position[1:])
     begin = lengths(start[None, :2] - command_position[:1])
     rmse = np.sqrt((np.sum(errors * errors, axis=1) + begin[0] ** 2) / len(command_position))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import rollout
+from runtime.physics.law import slide_one
 from runtime.physics.pan import integrate_pan
 
 AXES = "xyz"
@@ -68,7 +68,7 @@ def _stop_rows(document: Mapping[str, Any]) -> dict[str, FloatArray]:
     acting = np.concatenate([last, acceleration[:-1]])  # the last row's leads to the stop's first
     moved = integrate_pan(np.concatenate([pan["position"][-1], pan["velocity"][-1]]), acting, dt)
     begin = np.concatenate([sliding["position"][-1], sliding["velocity"][-1]])
-    slid = rollout(begin, acting, Friction.from_dict(document["friction"]), dt)
+    slid = slide_one(begin, acting, Friction.from_dict(document["friction"]), dt)
     axes = last.shape[1]
     return {
         "command_": np.repeat(document["command"]["position"][-1:], len(acceleration), axis=0),

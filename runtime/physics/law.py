@@ -19,8 +19,8 @@ Rest is exactly `v = 0`: there is no velocity threshold. The pan is the double i
 paper's, has w = 0. Accelerations have two columns, u, for a level pan, or three, u and w, for one that lifts.
 
 `slide_step` is this text for one object, in plain floats: fastest in plain Python for a single trajectory, and
-the function that training compiles with numba for the CPU and for CUDA. `rollout` runs it along a trajectory;
-`rollout_batch` is the same law over arrays, which wins from about 48 trajectories up.
+the function that training compiles with numba for the CPU and for CUDA. `slide_one` runs it along a trajectory;
+`slide_batch` is the same law over arrays, which wins from about 48 trajectories up.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ from runtime.physics.compiled import compile_together, compiler
 
 
 def slide(state: FloatArray, u: FloatArray, frictions: Sequence[Friction]) -> FloatArray:
-    """Slide B objects, each under its friction: (B, 4), (B, C, 2) or (B, C, 3) -> (B, C, 4); see `rollout`."""
+    """Slide B objects, each under its friction: (B, 4), (B, C, 2) or (B, C, 3) -> (B, C, 4); see `slide_one`."""
     if one_by_one(len(state)):
-        return np.stack([rollout(*one) for one in zip(state, u, frictions, strict=True)])
+        return np.stack([slide_one(*one) for one in zip(state, u, frictions, strict=True)])
     static = np.array([friction.static for friction in frictions])
     kinetic = np.array([friction.kinetic for friction in frictions])
-    return rollout_batch(state, u, static, kinetic)
+    return slide_batch(state, u, static, kinetic)
 
 
 GRAVITY = 9.8
@@ -54,7 +54,7 @@ DT = 0.001
 """Sampling interval of commands, plans and the law (s)."""
 
 BATCHED_FROM = 48
-"""Number of trajectories from which `rollout_batch` beats `rollout` in a loop, as long as that is plain Python
+"""Number of trajectories from which `slide_batch` beats `slide_one` in a loop, as long as that is plain Python
 (measured by `slide-bench`)."""
 
 
@@ -109,7 +109,7 @@ def slide_step(
     return px + vx * dt + ax * half, py + vy * dt + ay * half, next_vx, next_vy
 
 
-def rollout(state: FloatArray, acceleration: FloatArray, friction: Friction, dt: float = DT) -> FloatArray:
+def slide_one(state: FloatArray, acceleration: FloatArray, friction: Friction, dt: float = DT) -> FloatArray:
     """Slide one object along a sequence of pan accelerations (Eqs. 4 and 9).
 
     Args:
@@ -177,7 +177,7 @@ def slide_along(
     dt: float,
     out: FloatArray,
 ) -> None:
-    """Fill `out` (n, 4) with the states after each of the accelerations `u` (n, 2) or (n, 3): `rollout`, compiled."""
+    """Fill `out` (n, 4) with the states after each of the accelerations `u` (n, 2) or (n, 3): `slide_one`, compiled."""
     lifts = u.shape[1] == 3
     for k in range(len(u)):
         normal = gravity + u[k, 2] if lifts else gravity
@@ -215,7 +215,7 @@ def law_is_compiled() -> bool:
 
 
 def one_by_one(count: int) -> bool:
-    """Return whether that many trajectories are quicker by `rollout` in a loop than by `rollout_batch`."""
+    """Return whether that many trajectories are quicker by `slide_one` in a loop than by `slide_batch`."""
     return count < BATCHED_FROM or law_is_compiled()
 
 
@@ -252,7 +252,7 @@ def slide_step_batch(
     return p + v * dt + a * (0.5 * dt * dt), next_v
 
 
-def rollout_batch(
+def slide_batch(
     states: FloatArray,
     acceleration: FloatArray,
     static: FloatArray | float,

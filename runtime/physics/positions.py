@@ -2,8 +2,8 @@
 
 A plan is looked at under other friction than it was made for, each time it is made. A vector of the plane is one
 complex number here, which plain Python moves in a third of the time that two floats take, and the position is
-integrated at the end: p+ = p + v dt + a dt^2/2 is p + (v + v+) dt/2. The result is `rollout`'s but for rounding; where
-that is compiled, it is quicker, and used.
+integrated at the end: p+ = p + v dt + a dt^2/2 is p + (v + v+) dt/2. The result is `slide_one`'s but for rounding;
+where that is compiled, it is quicker, and used.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import DT, GRAVITY, law_is_compiled, rollout
+from runtime.physics.law import DT, GRAVITY, law_is_compiled, slide_one
 
 
 def slide_positions(state: FloatArray, acceleration: FloatArray, frictions: Sequence[Friction]) -> FloatArray:
@@ -29,7 +29,7 @@ def slide_positions(state: FloatArray, acceleration: FloatArray, frictions: Sequ
         (F, n + 1, 2) object positions before and after each sample (m).
     """
     if law_is_compiled():
-        after = [rollout(state, acceleration, friction)[:, :2] for friction in frictions]
+        after = [slide_one(state, acceleration, friction)[:, :2] for friction in frictions]
         return np.stack([np.concatenate([state[None, :2], positions]) for positions in after])
     begin, inputs = complex(*state[2:]), _inputs(acceleration)
     out = np.empty((len(frictions), len(acceleration) + 1), dtype=np.complex128)

@@ -14,7 +14,7 @@ from runtime.command import Command
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle
 from runtime.network.decode import Job, decode
-from runtime.physics.law import rollout
+from runtime.physics.law import slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.refine.refine import expected, robust_error
@@ -57,7 +57,7 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
         u,
         asked,
         np.concatenate([motion.pan[0, :1], pan]),
-        np.concatenate([sliding[None], rollout(sliding, u, job.friction)]),
+        np.concatenate([sliding[None], slide_one(sliding, u, job.friction)]),
     )
     return turned, Pan(state_after(pan, u), pans[best].brake.turned(turns[best]), job.limits)
 

@@ -23,7 +23,7 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.compiled import compile_together, compiler
-from runtime.physics.law import DT, GRAVITY, rollout, slide
+from runtime.physics.law import DT, GRAVITY, slide, slide_one
 from runtime.physics.motion import Motion
 from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, Column, move, row_size, state_size, sweep
 from runtime.safety.governor import govern
@@ -283,7 +283,7 @@ def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, 
         accelerations.append(acceleration[0])
         states.append(moved[0])
     kept = np.concatenate(accelerations)
-    slid = np.concatenate([sliding[None], rollout(sliding, kept, friction)])
+    slid = np.concatenate([sliding[None], slide_one(sliding, kept, friction)])
     return Motion(kept, u, np.concatenate(states), slid), pans[0]
 
 

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as npst
 
 from runtime import FormatError, Friction, OutputError, Plan, Quality, Sizes, Status
 from runtime.limits import UNITS
-from runtime.physics.law import GRAVITY, rollout
+from runtime.physics.law import GRAVITY, slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.plan import PLAN_FORMAT
 from runtime.quality import Changes, FrictionRange, OffPan
@@ -133,14 +133,14 @@ def test_plan_with_its_stop_is_one_motion(plan: Plan) -> None:
     np.testing.assert_array_equal(motion.sliding[:samples], np.hstack([plan.object_position, plan.object_velocity]))
     whole = integrate_pan(motion.pan[0], motion.acceleration)
     np.testing.assert_allclose(motion.pan[1:], whole, atol=1e-12)
-    np.testing.assert_array_equal(motion.sliding[1:], rollout(motion.sliding[0], motion.acceleration, plan.friction))
+    np.testing.assert_array_equal(motion.sliding[1:], slide_one(motion.sliding[0], motion.acceleration, plan.friction))
     np.testing.assert_allclose(motion.pan[-1, 2:], 0.0, atol=1e-12)
 
 
 def test_plan_with_its_stop_under_another_friction_is_the_replay_and_what_follows(plan: Plan) -> None:
     motion = plan.with_stop(Friction(0.7, 0.3))
     np.testing.assert_array_equal(motion.sliding[: len(plan)], plan.replay(Friction(0.7, 0.3)))
-    after = rollout(motion.sliding[0], motion.acceleration, Friction(0.7, 0.3))
+    after = slide_one(motion.sliding[0], motion.acceleration, Friction(0.7, 0.3))
     np.testing.assert_array_equal(motion.sliding[1:], after)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from runtime import BundleError, Command, Friction, InputError, Plan, Planner, Sizes, Start, Status
 from runtime.commands.reading import Reading
 from runtime.network.reader import Window
-from runtime.physics.law import BATCHED_FROM, compile_law, rollout
+from runtime.physics.law import BATCHED_FROM, compile_law, slide_one
 from runtime.physics.pan import integrate_pan
 
 from .conftest import WatchedBundle
@@ -44,7 +44,7 @@ def test_plan_obeys_the_law_and_the_double_integrator(planner: Planner, make_cur
     plan = planner.plan(make_curve(samples))
     assert all(getattr(plan, name).shape == (samples, 2) for name in ARRAYS)
     start = np.concatenate([plan.object_position[0], [0.0, 0.0]])
-    states = rollout(start, plan.pan_acceleration, plan.friction)[:-1]
+    states = slide_one(start, plan.pan_acceleration, plan.friction)[:-1]
     np.testing.assert_array_equal(plan.object_position[1:], states[:, :2])
     np.testing.assert_array_equal(plan.object_velocity[1:], states[:, 2:])
     np.testing.assert_array_equal(plan.replay(), np.hstack([plan.object_position, plan.object_velocity]))

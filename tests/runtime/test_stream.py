@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from runtime import ConcurrentUseError, Friction, InputError, Limits, Planner, Start, Stream, StreamStatus
 from runtime.limits import NO_LIMITS
-from runtime.physics.law import DT, rollout
+from runtime.physics.law import DT, slide_one
 from runtime.physics.pan import integrate_pan
 
 from .conftest import WatchedBundle
@@ -49,7 +49,7 @@ class Plant:
 
     def move(self, u: Array) -> None:
         self.pan = np.concatenate([self.pan, integrate_pan(self.pan[-1], u)])
-        self.sliding = np.concatenate([self.sliding, rollout(self.sliding[-1], u, self.friction)])
+        self.sliding = np.concatenate([self.sliding, slide_one(self.sliding[-1], u, self.friction)])
         self.u = np.concatenate([self.u, u])
 
     def check(self, limits: Limits) -> None:

@@ -17,7 +17,7 @@ from runtime.arm.results import PLAN_ARRAYS, Results, measured_track
 from runtime.arm.run import check_plan, closed_loop, execute, open_loop
 from runtime.arm.tail import REST, SAFE_RADIUS, brake
 from runtime.documents.checks import FloatArray
-from runtime.physics.law import DT, rollout
+from runtime.physics.law import DT, slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.report.report import render_report
 
@@ -39,7 +39,7 @@ class IdealArm:
         assert np.array_equal(command.position, self.pan[:2])
         u = command.acceleration[None]
         self.pan = integrate_pan(self.pan, u)[0]
-        self.sliding = rollout(self.sliding, u, self.friction)[0]
+        self.sliding = slide_one(self.sliding, u, self.friction)[0]
         return self.measure()
 
     def close(self) -> None:
@@ -106,7 +106,7 @@ def test_the_tail_stops_the_pan_and_keeps_the_object(
     tail = brake(start, sliding, friction)
     assert not tail[-round(REST / DT) :].any(), "it ends with a rest"
     assert integrate_pan(start, tail)[-1, 2:] == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert np.hypot(*rollout(sliding, tail, friction)[:, :2].T).max() <= SAFE_RADIUS
+    assert np.hypot(*slide_one(sliding, tail, friction)[:, :2].T).max() <= SAFE_RADIUS
 
 
 def test_an_interrupt_keeps_what_was_recorded_and_closes_the_arm(plan: Plan) -> None:

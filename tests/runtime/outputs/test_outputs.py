@@ -17,7 +17,7 @@ import pytest
 
 from runtime import FormatError, MissingExtraError, OutputError, Plan, Planner
 from runtime.outputs.columns import columns
-from runtime.physics.law import rollout
+from runtime.physics.law import slide_one
 
 NAMES = ["t", "command_x", "command_y", "object_x", "object_y", "object_vx", "object_vy"]
 NAMES += ["pan_x", "pan_y", "pan_vx", "pan_vy", "pan_ax", "pan_ay", "stop"]
@@ -72,7 +72,7 @@ def test_table_goes_on_with_the_stop_until_the_pan_rests(plan: Plan) -> None:
     assert set(after["command_x"]) == {plan.command_position[-1, 0]}
     acceleration = np.concatenate([plan.pan_acceleration, stop])
     start = np.concatenate([plan.object_position[0], plan.object_velocity[0]])
-    slid = rollout(start, acceleration, plan.friction)[len(plan) - 1 :]
+    slid = slide_one(start, acceleration, plan.friction)[len(plan) - 1 :]
     for i, name in enumerate(("object_x", "object_y", "object_vx", "object_vy")):
         assert np.array_equal(after[name], slid[:, i])
 

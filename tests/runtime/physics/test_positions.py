@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from runtime import Friction
-from runtime.physics.law import GRAVITY, compile_law, rollout
+from runtime.physics.law import GRAVITY, compile_law, slide_one
 from runtime.physics.positions import slide_positions
 
 FRICTIONS = [Friction(1.0, 0.5), Friction(0.4, 0.4), Friction(0.2, 0.0), Friction(0.0, 0.0), Friction(10.0, 1.0)]
@@ -25,7 +25,7 @@ def test_positions_are_the_rollouts(columns: int, size: float) -> None:
         state = np.array([*rng.normal(0.0, 0.05, 2), *(rng.normal(0.0, 0.2, 2) if rng.random() < 0.5 else (0.0, 0.0))])
         found = slide_positions(state, u, FRICTIONS)
         for positions, friction in zip(found, FRICTIONS, strict=True):
-            states = np.concatenate([state[None], rollout(state, u, friction)])
+            states = np.concatenate([state[None], slide_one(state, u, friction)])
             np.testing.assert_allclose(positions, states[:, :2], rtol=1e-12, atol=1e-12)
             moving = states[:, 2:].any(axis=1)
             branches |= set(zip(moving[:-1].tolist(), moving[1:].tolist(), strict=True))

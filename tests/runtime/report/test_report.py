@@ -21,7 +21,7 @@ from runtime.documents.checks import FloatArray
 from runtime.errors import InputError, OutputError
 from runtime.friction import Friction
 from runtime.limits import Limits
-from runtime.physics.law import DT, GRAVITY, rollout
+from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
@@ -57,7 +57,7 @@ def shaken_plan(samples: int = 700, friction: Friction | None = None) -> Plan:
     angle = np.where(carries, 0.4, 0.4 + np.pi) + 0.8 * (k // 200)
     u = size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rest = np.zeros((1, 4))
-    sliding = np.concatenate([rest, rollout(rest[0], u, friction)])
+    sliding = np.concatenate([rest, slide_one(rest[0], u, friction)])
     pan = np.concatenate([rest, integrate_pan(rest[0], u)])
     command = np.stack([0.05 * np.sin(k / 150), 0.03 * np.cos(k / 120) - 0.03], axis=1)
     motion = Motion(u, u, pan, sliding)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import Friction, InputError, Limits, Plan, Planner, Start
 from runtime.limits import NO_LIMITS
-from runtime.physics.law import DT, GRAVITY, rollout
+from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.physics.positions import slide_to_rest
 from runtime.safety.rest import KEPT, kindest_stop
@@ -148,7 +148,7 @@ def test_slide_to_rest_is_the_law_with_the_pan_at_rest_after(friction: Friction)
     for _ in range(20):
         state, u = np.array([*rng.normal(0.0, 0.1, 2), *rng.normal(0.0, 0.3, 2)]), rng.normal(0.0, 6.0, (80, 2))
         long = np.concatenate([u, np.zeros((8000, 2))])
-        assert slide_to_rest(state, u, friction) == pytest.approx(rollout(state, long, friction)[-1, :2], abs=2e-6)
+        assert slide_to_rest(state, u, friction) == pytest.approx(slide_one(state, long, friction)[-1, :2], abs=2e-6)
     assert slide_to_rest(np.array([0.0, 0.0, 1.0, 0.0]), np.zeros((10, 2)), Friction(0.0, 0.0)) == (0.01, 0.0)
 
 

@@ -20,7 +20,7 @@ from runtime.cli.run import run_main
 from runtime.client import Client, RemoteStream
 from runtime.client.messages import Chunk, Step, pack_chunk, pack_step, unpack_chunk, unpack_step
 from runtime.limits import NO_LIMITS
-from runtime.physics.law import rollout
+from runtime.physics.law import slide_one
 from runtime.physics.pan import integrate_pan
 
 from ..conftest import wait_for
@@ -66,7 +66,7 @@ def test_remote_stream_gives_what_a_stream_in_the_process_gives(
             assert remote.last.status is own.status is StreamStatus.FOLLOWING
             assert np.abs(remote.last.brake - own.brake(100)).max() <= tolerance * 30.0
             pan = integrate_pan(pan[-1], expected)
-            sliding = rollout(sliding[-1], expected, friction)
+            sliding = slide_one(sliding[-1], expected, friction)
 
 
 def test_missing_states_are_predicted_then_braked_and_a_start_begins_again(server: Any) -> None:

@@ -11,8 +11,7 @@ import pytest
 import torch
 
 from runtime.friction import Friction
-from runtime.physics.law import DT, GRAVITY, slide_step
-from runtime.physics.law import rollout as rollout_python
+from runtime.physics.law import DT, GRAVITY, slide_one, slide_step
 from runtime.physics.linearized import SPEED_FLOOR, linearize
 from runtime.physics.pan import integrate_pan
 from train.physics.rollout import rollout
@@ -39,7 +38,7 @@ def test_compiled_law_equals_the_scalar_one_on_10_000_steps_of_every_branch(axes
     for branch in (sliding & ~stops, stops, ~sliding & push, ~sliding & ~push):
         assert branch.sum() >= 100
     for b in range(50):
-        np.testing.assert_allclose(states[b, :, pan:], rollout_python(np.zeros(4), u[b], Friction()), atol=1e-12)
+        np.testing.assert_allclose(states[b, :, pan:], slide_one(np.zeros(4), u[b], Friction()), atol=1e-12)
         np.testing.assert_allclose(states[b, :, :pan], integrate_pan(np.zeros(pan), u[b]), atol=1e-12)
 
 
