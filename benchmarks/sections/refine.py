@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.harness.section import Measured, Section, Subject, at_least
 from benchmarks.harness.tables import table, targets_table
-from benchmarks.harness.targets import COUNT, MILLISECONDS, PERCENT, TIMES, Target, Verdict
-from benchmarks.suite.outcome import PlanFunction, one_by_one, plan_family
+from benchmarks.harness.targets import COUNT, MILLIMETRES, MILLISECONDS, PERCENT, TIMES, Target, Verdict
+from benchmarks.suite.families import Family
+from benchmarks.suite.outcome import PlanFunction, one_by_one, plan_family, tracking
 from benchmarks.suite.suite import suite
 from runtime.cli.console import MM
 from runtime.documents.options import option
@@ -21,6 +22,12 @@ from runtime.planner import Planner
 
 FAMILIES = ("spline", "shapes", "stops", "long", "short", "odd")
 """All of the suite but `friction`, which is `spline` again under what nobody is told."""
+
+OFF_FAMILIES = ("spline", "shapes")
+"""Families whose plans are also run under friction that nobody was told."""
+
+OFF, OFF_FRICTIONS, OFF_SEED = 0.1, 6, 2018
+"""Share by which that friction is off at most, how many are drawn, and the seed: both coefficients by themselves."""
 
 ROUNDING = 1e-9
 """Share by which the error of a plan may differ where refinement leaves the plan as it is."""
@@ -35,6 +42,7 @@ class RefineSettings:
         commands: of each family, the first ones, or all where there are no more.
         budget: time for each plan (ms).
         robust: share by which the friction may be off; see `Planner.plan`.
+        off_budget: time for each plan that is run under other friction (ms).
         candidates, iterations: of the optimizer; see `benchmarks.peers.cross_entropy`.
     """
 
@@ -42,11 +50,12 @@ class RefineSettings:
     commands: int | None = option("Only the first commands of each family.", 12, "N")
     budget: float = option("Time for the refinement of a plan (ms).", 50.0, "MS")
     robust: float = option("Share by which friction may be off, for refinement.", 0.0, "SHARE")
+    off_budget: float = option("The same, of plans that are run under other friction (ms).", 100.0, "MS")
     candidates: int = option("The optimizers' candidates in an iteration.", 512, "N")
     iterations: int = option("The optimizers' iterations in a planning.", 20, "N")
 
     def __post_init__(self) -> None:
-        at_least(1, commands=self.commands, budget=self.budget, iterations=self.iterations)
+        at_least(1, commands=self.commands, budget=self.budget, off_budget=self.off_budget, iterations=self.iterations)
         at_least(8, candidates=self.candidates)
         at_least(0, robust=self.robust)
 
@@ -72,6 +81,21 @@ class RefinedFamily:
 
 
 @dataclass(frozen=True)
+class OffFamily:
+    """One family's plans under friction that is off: mean tracking RMSE over commands and frictions (m).
+
+    Attributes:
+        network: of plans that are not refined.
+        nominal: refined for the friction they are made for alone.
+        robust: refined as a user's plans are unless something else is said.
+    """
+
+    network: float
+    nominal: float
+    robust: float
+
+
+@dataclass(frozen=True)
 class Refinement:
     """Everything this section measures.
 
@@ -82,6 +106,7 @@ class Refinement:
         budget: time that refinement was given for a plan (ms).
         time: of a refined plan, mean (s).
         worse: number of commands that refinement made worse.
+        off: families' plans, open loop, under friction that is up to OFF off.
     """
 
     families: Mapping[str, RefinedFamily]
@@ -90,12 +115,15 @@ class Refinement:
     budget: float
     time: float
     worse: int
+    off: Mapping[str, OffFamily]
 
 
 TARGETS = (
     Target("reduction", "refinement, error down by", PERCENT, ">=", 0.25),
     Target("worse", "refinement, commands made worse", COUNT, "<=", 0),
     Target("over_optimizer", "refined over optimizer, worst family", TIMES, "<=", 1.0),
+    Target("off.spline.robust", "spline, friction off, refined", MILLIMETRES, "<=", 2e-3),
+    Target("off.shapes.robust", "shapes, friction off, refined", MILLIMETRES, "<=", 3.8e-3),
     Target("time", "a refined plan, mean", MILLISECONDS),
 )
 
@@ -138,6 +166,26 @@ def _refinement(planner: Planner, optimizer: PlanFunction, settings: RefineSetti
         budget=settings.budget,
         time=time / sum(each.commands for each in families.values()),
         worse=sum(each.worse for each in families.values()),
+        off={
+            name: _under_other_friction(planner, family, settings.off_budget)
+            for name, family in suite(OFF_FAMILIES, settings.commands).items()
+        },
+    )
+
+
+def _under_other_friction(planner: Planner, family: Family, budget: float) -> OffFamily:
+    draws = np.random.default_rng(OFF_SEED).uniform(1.0 - OFF, 1.0 + OFF, (OFF_FRICTIONS, 2))
+
+    def error(plan: PlanFunction) -> float:
+        planned = plan(family.positions, family.frictions)
+        errors = []
+        for static, kinetic in draws:
+            frictions = tuple(Friction(static * each.static, kinetic * each.kinetic) for each in family.frictions)
+            errors.append(tracking(planned, replace(family, frictions=frictions)))
+        return float(np.mean(errors))
+
+    return OffFamily(
+        error(one_by_one(planner)), error(one_by_one(planner, budget, 0.0)), error(one_by_one(planner, budget))
     )
 
 
@@ -157,7 +205,17 @@ def refine_tables(refinement: Refinement, verdicts: Sequence[Verdict]) -> list[T
     ]
     title = f"Refinement in {refinement.budget:g} ms: mean tracking RMSE, pan reach (mm)"
     header = ("family", "commands", "before", "after", "change", "optimizer", "reach")
-    return [table(title, header, rows), *targets_table("Refinement", verdicts)]
+    off = [
+        (name, *(f"{value * MM:.2f}" for value in (each.network, each.nominal, each.robust)))
+        for name, each in refinement.off.items()
+    ]
+    off_title = f"Open loop, friction up to {OFF:.0%} off: mean tracking RMSE (mm)"
+    off_header = ("family", "network", "refined for one friction", "refined")
+    return [
+        table(title, header, rows),
+        table(off_title, off_header, off),
+        *targets_table("Refinement", verdicts),
+    ]
 
 
 SECTION = Section(

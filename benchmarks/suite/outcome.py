@@ -100,7 +100,7 @@ def plan_family(plan: PlanFunction, family: Family) -> Outcome:
     change = [lengths(np.diff(u, axis=0)) for u in accelerations]
     return Outcome(
         family=family,
-        tracking=np.array([_rms(s[:, 4:6] - p) for s, p in zip(states, family.positions, strict=True)]),
+        tracking=_tracking(states, family),
         unmoved=np.array([_rms(p - p[0]) for p in family.positions]),
         pan_reach=np.array([lengths(s[:, :2]).max() for s in states]),
         acceleration_max=np.array([lengths(u).max() for u in accelerations]),
@@ -108,6 +108,19 @@ def plan_family(plan: PlanFunction, family: Family) -> Outcome:
         change_mean=np.array([each.mean() for each in change]),
         planning_time=planning_time,
     )
+
+
+def tracking(planned: Sequence[FloatArray], family: Family) -> FloatArray:
+    """Return the root mean square distance between object and command (m) of each plan, under the family's friction.
+
+    Raises:
+        InputError: a plan is not (K, 2) finite numbers; the command is named.
+    """
+    return _tracking(measured_states(planned, family), family)
+
+
+def _tracking(states: Sequence[FloatArray], family: Family) -> FloatArray:
+    return np.array([_rms(s[:, 4:6] - p) for s, p in zip(states, family.positions, strict=True)])
 
 
 def measured_states(planned: Sequence[FloatArray], family: Family) -> list[FloatArray]:

@@ -33,7 +33,7 @@ SHORT: dict[str, dict[str, Any]] = {
         "large_units": 16,
     },
     "control": {"steps": 30, "share_rounds": 2, "start_rounds": 1},
-    "refine": {"commands": 1, "candidates": 8, "iterations": 1},
+    "refine": {"commands": 1, "off_budget": 20.0, "candidates": 8, "iterations": 1},
     "long": {
         "seconds": 3.6,
         "commands": 1,
@@ -124,6 +124,8 @@ def test_refinement_makes_no_plan_worse(usual: Results) -> None:
     # On a busy machine the time may be up before a step is done.
     assert all(0.0 < each.after <= each.before and each.optimizer > 0.0 for each in refined.families.values())
     assert refined.worse == 0
+    assert set(refined.off) == {"spline", "shapes"}
+    assert all(each.robust > 0.0 and each.nominal > 0.0 for each in refined.off.values())
 
 
 def test_windows_of_long_commands_differ(usual: Results) -> None:
