@@ -30,7 +30,7 @@ from runtime.safety.pan import Pan
 from runtime.safety.rest import stop_after
 from runtime.sizes import Sizes
 from runtime.start import Start
-from runtime.stream import Stream
+from runtime.stream import REST_TOLERANCE, Stream
 
 DEFAULT_BUNDLE = SHIPPED / "default"
 """The bundle that plans where none is named."""
@@ -173,16 +173,20 @@ class Planner:
         limits: Limits | None = None,
         start: Start | None = None,
         sizes: Sizes | None = None,
+        tolerance: float | None = None,
     ) -> Stream:
         """Start to follow a command with a controller that measures; see `Stream`.
 
         Args:
             position, friction, limits, start, sizes: as for `plan`; the friction is what motion is predicted with.
+            tolerance: distance of the object from its mark (m) up to which the pan rests past the end of the command;
+                REST_TOLERANCE of `runtime.stream` if None.
 
         Raises:
             InputError: as for `plan`.
         """
-        return Stream(self.bundle, Job(_command(position), *self._defaults(friction, limits, start, sizes)))
+        job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
+        return Stream(self.bundle, job, _tolerance(tolerance) or REST_TOLERANCE)
 
     def _defaults(
         self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None

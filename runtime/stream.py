@@ -1,11 +1,13 @@
 """The planner inside a controller: the next chunk of accelerations from what is measured, and a stop from any sample.
 
 One policy holds, in `Stream.step`: what is measured is used; what is missing is replaced by the prediction, for one
-chunk; after that the pan is braked to rest and stays there until `Stream.reset`.
+chunk; after that the pan is braked to rest and stays there until `Stream.reset`. Where the command ends, the pan comes
+to rest and stays there as long as the object stays; an object that leaves its mark is brought back by a short move.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,22 +19,40 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.command import Command
+from runtime.commands.come_back import come_back
 from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError, ConcurrentUseError, InputError
 from runtime.measured import check_age, check_states, complete
 from runtime.network.bundle import Bundle
 from runtime.network.decode import Job
 from runtime.network.reader import Reader
-from runtime.physics.law import slide_one
+from runtime.physics.law import DT, slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.safety.governor import govern
 from runtime.safety.pan import Pan
+from runtime.safety.rest import kindest_stop
 from runtime.safety.stop import PanState, gentle_stop
 from runtime.start import Start
 
 MAX_MISSING = 1
 """Chunks in a row that are planned from the prediction alone: an object unseen for longer may be anywhere."""
+
+REST_TOLERANCE = 0.01
+"""Distance of the object from its mark (m) up to which the pan rests past the end of the command, if none is given."""
+
+ENDING_TIME, RETURN_TIME = 1.0, 3.0
+"""Time (s) in which the object may be brought to its mark: past the end of the command, and after it was moved."""
+
+STOPPING_TIME = 0.3
+"""Time (s) that is kept for the stop after the object was brought back."""
+
+STILL_SPEED = 0.05
+"""Speed (m/s) up to which an object counts as at rest when it is measured: noise is below."""
+
+SAME_SPEED = 0.05
+"""Difference (m/s) between a measured pan and what was commanded, up to which it is taken for noise: the stop brings to
+rest what was commanded, so that nothing drifts."""
 
 
 class StreamStatus(StrEnum):
@@ -50,6 +70,21 @@ class StreamStatus(StrEnum):
     BRAKING = "braking"
     """The stop, until `reset`: too much was missing in a row, or the network gave no finite number."""
 
+    RESTING = "resting"
+    """The stop past the end of the command, and the rest after it, until the object is moved."""
+
+
+class Ending(NamedTuple):
+    """What goes on past the end of the command.
+
+    Attributes:
+        left: samples in which the object may still be brought to its mark.
+        place: (2,) where the object was left (m), None while it moves or is being moved.
+    """
+
+    left: int
+    place: FloatArray | None = None
+
 
 class StreamState(NamedTuple):
     """What a stream carries from one chunk to the next.
@@ -57,39 +92,48 @@ class StreamState(NamedTuple):
     Attributes:
         motion: the chunk given last, with the states that it is predicted to lead to.
         before, after: the pan before and after it.
+        commanded: (4,) the pan by what was commanded alone: position (m) and velocity (m/s).
         measured: the pan and object states handed in last, None where there were none.
         missing: chunks in a row in which something was missing; -1 before the first.
         status: of the chunk.
+        ending: what goes on past the end of the command, None before.
     """
 
     motion: Motion
     before: Pan
     after: Pan
+    commanded: FloatArray
     measured: tuple[FloatArray | None, FloatArray | None] = (None, None)
     missing: int = -1
     status: StreamStatus = StreamStatus.FOLLOWING
+    ending: Ending | None = None
 
 
 class Stream:
     """One command followed chunk by chunk by a controller that measures where pan and object are.
 
-    Past the end of the command the object is held at its last position. A stream belongs to one thread at a time: a
-    call while another is running is refused.
+    Past the end of the command the pan comes to rest. An object that lies farther from the command's last position than
+    the tolerance is brought there, if that can be done within ENDING_TIME. Then all accelerations are exactly zero
+    until the object is moved by more than the tolerance; it is brought back, and the pan rests again. A stream belongs
+    to one thread at a time: a call while another is running is refused.
 
     Args:
         bundle: the network.
-        job: the command, the friction that motion is predicted with, the limits and the start.
+        job: the command, the friction that motion is predicted with, the limits, the start and the sizes.
+        tolerance: distance of the object from its mark (m) up to which the pan rests past the end of the command.
 
     Raises:
         InputError: there are no limits, or the pan cannot come to rest within them from its start.
     """
 
-    def __init__(self, bundle: Bundle, job: Job) -> None:
+    def __init__(self, bundle: Bundle, job: Job, tolerance: float = REST_TOLERANCE) -> None:
         if not job.limits.finite:
             raise InputError("a stream needs finite limits: without them there is no stop", "limits")
-        self._bundle, self._friction, self._limits = bundle, job.friction, job.limits
+        self._bundle, self._friction, self._limits, self._sizes = bundle, job.friction, job.limits, job.sizes
+        self._tolerance = tolerance
         self._lock = threading.Lock()
         self._state = self._begin(job.start, job.command.position[0])
+        self._command = job.command
         self._reader = Reader.at(bundle, [job.command])
 
     @property
@@ -137,11 +181,19 @@ class Stream:
             if missing > 0 and status is StreamStatus.FOLLOWING:
                 status = StreamStatus.PREDICTED
             pan, sliding = (predicted[0] if pan is None else pan), (predicted[1] if sliding is None else sliding)
+            ending = self._ending(sliding[-1])
+            if ending is not None and self._rests(ending, sliding[-1]):
+                self._state = self._rest(ending, before, sliding[-1])._replace(measured=measured, missing=missing)
+                return self._state.motion.acceleration.copy()
+            if self._over:
+                move = come_back(sliding[-1, :2], self._mark, self._friction)
+                self._reader = Reader.at(self._bundle, [Command(move)])
             try:
                 motion, after = self._follow(before, pan, sliding)
             except BundleError:
                 return self._stop(before)
-            self._state = StreamState(motion, before, after, measured, missing, status)
+            commanded = self._commanded(motion)
+            self._state = StreamState(motion, before, after, commanded, measured, missing, status, ending)
             return motion.acceleration.copy()
 
     def brake(self, sample: int) -> FloatArray:
@@ -182,8 +234,12 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            command = position if isinstance(position, Command) else Command.from_samples(position)
-            self._reader = Reader.at(self._bundle, [command])
+            self._command = position if isinstance(position, Command) else Command.from_samples(position)
+            self._reader = Reader.at(self._bundle, [self._command])
+            status = self._state.status
+            if status is StreamStatus.RESTING:
+                status = StreamStatus.FOLLOWING
+            self._state = self._state._replace(status=status, ending=None)
 
     def reset(self, start: Start) -> None:
         """Begin again from where pan and object are, with what is left of the command.
@@ -193,8 +249,10 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            (command,), first = self._reader.commands, self._reader.chunk
-            row = min(first * self._bundle.manifest.chunk, len(command) - 1)
+            command, first, chunk = self._command, self._reader.chunk, self._bundle.manifest.chunk
+            if self._reader.commands[0] is not command:  # the object was being brought back
+                first = -(-len(command) // chunk)
+            row = min(first * chunk, len(command) - 1)
             self._state = self._begin(start, command.position[row])
             self._reader = Reader.at(self._bundle, [command], first)
 
@@ -213,7 +271,7 @@ class Stream:
         pan, chunk = Pan.at_start(start, self._limits), self._bundle.manifest.chunk
         u = np.tile(start.pan_acceleration, (chunk, 1))
         still = (np.tile(state, (chunk + 1, 1)) for state in (start.pan_state(), start.object_state(mark)))
-        return StreamState(Motion(u, u, *still), pan, pan)
+        return StreamState(Motion(u, u, *still), pan, pan, start.pan_state())
 
     def _slide(self, state: FloatArray, u: FloatArray) -> FloatArray:
         return slide_one(state, u, self._friction)
@@ -256,17 +314,91 @@ class Stream:
         self._reader = reader
         return self._predict(before, asked[0], acceleration[0], states[0], sliding[-1]), after
 
+    @property
+    def _mark(self) -> FloatArray:
+        """(2,) where the object should be once the command is over (m)."""
+        mark: FloatArray = self._command.position[-1]
+        return mark
+
+    @property
+    def _over(self) -> bool:
+        """Whether the next chunk begins past the end of the command, or of the move that brings the object back."""
+        (command,) = self._reader.commands
+        return self._reader.chunk * self._bundle.manifest.chunk >= len(command)
+
+    def _ending(self, sliding: FloatArray) -> Ending | None:
+        """Return what goes on now that the object is measured at (4,), None before the end of the command."""
+        last, chunk = self._state.ending, self._bundle.manifest.chunk
+        if last is None:
+            if not self._over:
+                return None
+            return Ending(round(ENDING_TIME / DT) - (self._reader.chunk * chunk - len(self._command)))
+        if last.place is not None and math.dist(sliding[:2], last.place) > self._tolerance:
+            return Ending(round(RETURN_TIME / DT))
+        return last._replace(left=last.left - chunk)
+
+    def _rests(self, ending: Ending, sliding: FloatArray) -> bool:
+        """Whether the pan is to come to rest, or to stay there, rather than to bring the object (4,) to its mark."""
+        last = self._state
+        if not self._over:
+            return False
+        if last.status is not StreamStatus.RESTING or last.after.brake.samples > 0 or ending.place is not None:
+            return True
+        off, speed = math.dist(sliding[:2], self._mark), math.hypot(sliding[2], sliding[3])
+        lost = math.hypot(sliding[0], sliding[1]) > self._sizes.pan_radius
+        if off <= self._tolerance or speed > STILL_SPEED or lost:
+            return True
+        needed = len(come_back(sliding[:2], self._mark, self._friction)) + round(STOPPING_TIME / DT)
+        return needed > ending.left
+
+    def _rest(self, ending: Ending, before: Pan, sliding: FloatArray) -> StreamState:
+        """Return the next chunk of the stop past the end of the command, or of the rest after it.
+
+        Args:
+            ending: what goes on.
+            before: the pan, where it was measured; looked at again only if it has left its place.
+            sliding: (4,) the object.
+        """
+        last = self._state
+        state = before.state
+        x, y, vx, vy = last.commanded.tolist()
+        commanded = state._replace(x=x, y=y, vx=vx, vy=vy)
+        moved = math.dist(state[:2], last.after.state[:2]) > self._tolerance
+        if last.status is StreamStatus.RESTING and not moved:
+            before = last.after
+            if before.brake.samples == 0 and math.hypot(sliding[2], sliding[3]) <= STILL_SPEED:
+                ending = ending._replace(place=sliding[:2].copy())
+        else:
+            near = math.dist(state[:2], commanded[:2]) <= self._tolerance
+            if near and math.dist(state[2:4], commanded[2:4]) <= SAME_SPEED:
+                state = commanded
+            brake = kindest_stop(state, sliding, self._mark, before.limits, self._friction)
+            before = before if brake is None else before._replace(state=state, brake=brake)
+        return self._braked(before, sliding)._replace(status=StreamStatus.RESTING, ending=ending)
+
+    def _commanded(self, motion: Motion) -> FloatArray:
+        """Return the pan by what was commanded alone, after a chunk: (4,) position (m) and velocity (m/s)."""
+        pan, free = motion.pan, len(motion.acceleration) * DT
+        position, velocity = self._state.commanded[:2], self._state.commanded[2:]
+        moved = pan[-1, :2] - pan[0, :2] + (velocity - pan[0, 2:]) * free
+        return np.concatenate([position + moved, velocity + pan[-1, 2:] - pan[0, 2:]])
+
     def _stop(self, before: Pan) -> FloatArray:
         """Give the next chunk of the stop, which holds until `reset`."""
-        last, chunk = self._state, self._bundle.manifest.chunk
+        last = self._state
         if last.status is not StreamStatus.BRAKING:
             stop = gentle_stop(before.state, before.limits, self._friction)
             before = before if stop is None else before._replace(brake=stop)
+        self._state = self._braked(before, last.motion.sliding[-1])._replace(status=StreamStatus.BRAKING)
+        return self._state.motion.acceleration.copy()
+
+    def _braked(self, before: Pan, sliding: FloatArray) -> StreamState:
+        """Return the next chunk of a pan's stop."""
+        chunk = self._bundle.manifest.chunk
         u = before.brake.accelerations(chunk)
         states = integrate_pan(np.array(before.state[:4]), u)
-        motion = self._predict(before, u, u, states, last.motion.sliding[-1])
-        self._state = StreamState(motion, before, before.braked(chunk, states, u), status=StreamStatus.BRAKING)
-        return u.copy()
+        motion = self._predict(before, u, u, states, sliding)
+        return StreamState(motion, before, before.braked(chunk, states, u), self._commanded(motion))
 
     def _predict(
         self, before: Pan, asked: FloatArray, u: FloatArray, states: FloatArray, sliding: FloatArray

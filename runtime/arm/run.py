@@ -38,6 +38,9 @@ Source = Callable[[int, Sequence[Measured]], FloatArray | None]
 """Gives the pan acceleration (2,) (m/s^2) from t_k to t_(k+1), given k and what was measured at t_0..t_k; None past its
 end."""
 
+RESTED = 3
+"""Chunks of rest past the end of the command after which a closed loop is over: an object that slides on rests then."""
+
 LONGEST_ENDING = 2.0
 """Time (s) past the end of the command in which a closed loop should have brought the pan to rest."""
 
@@ -114,17 +117,18 @@ def closed_loop(follower: Follower, chunk: int, samples: int) -> Source:
     """Let a network decode again, every C samples, from the last C measured states.
 
     An object that has left the pan is shown to the network where it was last seen on it. The source ends when the
-    follower lets the pan rest past the end of its command, and LONGEST_ENDING after that end at the latest.
+    follower has let the pan rest for RESTED chunks past the end of its command, and LONGEST_ENDING after that end at
+    the latest.
 
     Args:
         follower: what decodes.
         chunk: samples it decodes at a time, C.
         samples: of its command, K.
     """
-    u = np.zeros((chunk, 2))
+    u, rested = np.zeros((chunk, 2)), 0
 
     def source(k: int, measured: Sequence[Measured]) -> FloatArray | None:
-        nonlocal u
+        nonlocal u, rested
         if k % chunk == 0:
             seen = list(measured[1:][-chunk:]) or [measured[0]] * chunk
             pan, sliding = np.array([each.pan for each in seen]), np.array([each.sliding for each in seen])
@@ -132,9 +136,9 @@ def closed_loop(follower: Follower, chunk: int, samples: int) -> Source:
                 last = next((each for each in reversed(measured) if each.status is not ObjectStatus.OFF_PAN), seen[0])
                 sliding[:] = last.sliding
             u = follower.step(pan, sliding)
+            rested = 0 if u.any() or k < samples else rested + 1
         now: FloatArray = u[k % chunk]
-        over = k >= samples and (not u.any() or k >= samples + round(LONGEST_ENDING / DT))
-        return None if over else now
+        return None if rested > RESTED or k >= samples + round(LONGEST_ENDING / DT) else now
 
     return source
 

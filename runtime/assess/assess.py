@@ -185,7 +185,8 @@ def _left_behind(rest: float) -> list[str]:
     if rest <= POOR_RMSE:
         return []
     return [
-        f"after the stop the object rests {rest:.4g} m from the command's end: one that ends at rest keeps it there"
+        f"after the stop the object rests {rest:.4g} m from the command's end: let the command rest there for its last "
+        "0.2 s, and the object stays"
     ]
 
 

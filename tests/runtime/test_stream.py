@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -254,6 +256,132 @@ def test_retarget_follows_another_command_from_where_things_are(
         np.testing.assert_array_equal(u, fresh.step(*plant.seen()))
         plant.move(u)
     plant.check(LIMITS)
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Planner:
+    return Planner()
+
+
+def loop(turns: float, size: float = 0.03, samples: int = 1200) -> Array:
+    """Return a closed figure, or part of one: at a whole turn it ends at speed, too."""
+    t = np.linspace(0.0, 2.0 * np.pi * turns, samples)
+    return size * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1)
+
+
+def moved_to_rest(length: float) -> Array:
+    t = np.linspace(0.0, 1.0, 777)[:, None]
+    return t**3 * (10.0 - 15.0 * t + 6.0 * t * t) * np.array([length, 0.0])
+
+
+def run(stream: Stream, plant: Plant, chunks: int, noise: float = 0.0) -> list[StreamStatus]:
+    """Let a plant follow a stream by what is measured with some noise (m, and ten times that in m/s)."""
+    rng, statuses = np.random.default_rng(1), []
+    for _ in range(chunks):
+        pan, sliding = plant.seen()
+        spread = noise * np.array([1.0, 1.0, 10.0, 10.0])
+        plant.move(
+            stream.step(
+                pan + rng.normal(0.0, 1.0, pan.shape) * spread, sliding + rng.normal(0.0, 1.0, pan.shape) * spread
+            )
+        )
+        statuses.append(stream.status)
+    return statuses
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize(
+    "position",
+    [
+        np.zeros((600, 2)),
+        moved_to_rest(0.1),
+        loop(1.0),
+        loop(0.6, 0.05),
+        loop(1.3, 0.04, 1450),
+        np.linspace([0, 0], [0.1, 0], 500),
+    ],
+    ids=["still", "move", "loop", "fast end", "odd length", "stroke at speed"],
+)
+def test_past_the_end_the_pan_rests_within_a_second_and_nothing_is_commanded_any_more(
+    shipped: Planner, position: Array, noise: float
+) -> None:
+    stream, plant = shipped.stream(position), Plant(Start(), position[0])
+    chunks = -(-len(position) // CHUNK)
+    statuses = run(stream, plant, chunks + 600, noise)
+    assert StreamStatus.RESTING not in statuses[:chunks]
+    plant.check(replace(Limits(), pan_reach=0.2 + 20.0 * noise))
+    rest = plant.u[CHUNK + len(position) + 1000 :]
+    assert len(rest) > 58_000
+    assert not rest.any()
+    np.testing.assert_allclose(plant.pan[-1, 2:], 0.0, atol=TOLERANCE)
+    assert set(statuses[chunks + 10 :]) == {StreamStatus.RESTING}
+
+
+def test_object_stays_on_its_mark_where_the_command_ends_with_a_rest(shipped: Planner) -> None:
+    move = moved_to_rest(0.1)
+    position = np.concatenate([move, np.repeat(move[-1:], 200, axis=0)])
+    stream, plant = shipped.stream(position), Plant(Start(), position[0])
+    run(stream, plant, 30)
+    assert math.dist(plant.sliding[-1, :2], position[-1]) < 0.005
+
+
+@pytest.mark.parametrize("push", [(0.03, 0.0), (-0.02, 0.05)])
+def test_object_that_is_moved_at_rest_is_brought_back_and_the_pan_rests_again(
+    shipped: Planner, push: tuple[float, float]
+) -> None:
+    position = loop(1.0)
+    stream, plant = shipped.stream(position), Plant(Start(), position[0])
+    run(stream, plant, 40)
+    assert not plant.u[-CHUNK:].any()
+    plant.sliding[-1, :2] += push
+    statuses = run(stream, plant, 100)
+    assert statuses[0] is StreamStatus.FOLLOWING
+    assert not plant.u[-50 * CHUNK :].any()
+    assert math.dist(plant.sliding[-1, :2], position[-1]) < 0.01
+    plant.check(Limits())
+
+
+def test_tolerance_is_how_far_the_object_may_be_moved(shipped: Planner) -> None:
+    position = np.zeros((300, 2))
+    for tolerance, acts in ((0.05, False), (0.02, True)):
+        stream, plant = shipped.stream(position, tolerance=tolerance), Plant(Start(), position[0])
+        run(stream, plant, 10)
+        plant.sliding[-1, 0] += 0.03
+        assert (StreamStatus.FOLLOWING in run(stream, plant, 8)) is acts
+    with pytest.raises(InputError, match="tolerance must be greater than 0 m, got -1 m"):
+        shipped.stream(position, tolerance=-1.0)
+
+
+def test_object_that_has_left_the_pan_is_not_shaken_after(shipped: Planner) -> None:
+    stream, plant = shipped.stream(np.zeros((300, 2))), Plant(Start(), np.zeros(2))
+    run(stream, plant, 10)
+    plant.sliding[-1, 0] = 0.3
+    assert set(run(stream, plant, 20)) == {StreamStatus.RESTING}
+    assert not plant.u[-20 * CHUNK :].any()
+
+
+def test_object_that_cannot_be_brought_back_does_not_keep_the_pan_busy(shipped: Planner) -> None:
+    stream, plant = shipped.stream(np.zeros((300, 2))), Plant(Start(), np.zeros(2), Friction(5.0, 5.0))
+    run(stream, plant, 10)
+    plant.sliding[-1, 0] += 0.03
+    statuses = run(stream, plant, 80)
+    assert StreamStatus.FOLLOWING in statuses
+    assert not plant.u[-30 * CHUNK :].any()
+    plant.check(Limits())
+
+
+def test_stream_at_rest_takes_another_command_and_another_start(shipped: Planner) -> None:
+    stream, plant = shipped.stream(moved_to_rest(0.05)), Plant(Start(), np.zeros(2))
+    run(stream, plant, 20)
+    other = moved_to_rest(-0.04) + plant.sliding[-1, :2]
+    stream.retarget(other)
+    assert set(run(stream, plant, 8)) == {StreamStatus.FOLLOWING}
+    run(stream, plant, 15)
+    assert math.dist(plant.sliding[-1, :2], other[-1]) < 0.01
+    stream.reset(Start((0.02, 0.0), (0.3, 0.0)))
+    u = stream.step()
+    assert stream.status is StreamStatus.RESTING  # there is nothing left of the command: it comes to rest from there
+    np.testing.assert_allclose(integrate_pan(np.array([0.02, 0.0, 0.3, 0.0]), u)[-1, 2:], 0.0, atol=TOLERANCE)
 
 
 def test_second_thread_is_refused(stream: Stream) -> None:
