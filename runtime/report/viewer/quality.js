@@ -37,6 +37,7 @@ const sentence = (note) =>
 function rowsOf(quality) {
   const { limits, margins } = quality;
   const free = (name, unit, value) => [name, unit, value, "", ""];
+  const known = (name, value) => (value == null ? [] : [free(name, "mm", mm(value))]);  // older plans lack some figures
   const bounded = (name, unit, value, limit, format) => {
     const given = limits[limit] != null;
     return [name, unit, format(value), given ? format(limits[limit]) : "none", given ? format(margins[limit]) : ""];
@@ -45,6 +46,8 @@ function rowsOf(quality) {
   return [
     free("Tracking error, RMS", "mm", mm(quality.tracking_rmse)),
     free("Tracking error, largest", "mm", mm(quality.tracking_max)),
+    ...known("RMS if friction is 10 % off", quality.friction_off_rmse),
+    ...known("Object to its mark, at rest", quality.rest_error),
     bounded("Pan reach", "mm", quality.pan_reach, "pan_reach", mm),
     bounded("Pan acceleration", "m/s²", quality.acceleration_max, "acceleration", (value) => number(value, 1)),
     bounded("Pan jerk", "m/s³", quality.jerk_max, "jerk", round),

@@ -308,9 +308,11 @@ def test_a_browser_draws_the_page_at_the_time_asked_for(
     page = open_report(plan, [replayed(plan, "slippery", Friction(0.7, 0.3))], f"#t={k * DT + DT / 2:.4f}")
     assert page.inner_text("#chip") == ("slides" if sliding else "sticks")
     assert float(page.inner_text("#now")) == pytest.approx(k * DT, abs=1.1e-3)
-    rows = page.locator("#figures tbody tr").all_inner_texts()
-    assert rows[0].split("\t")[-3] == f"{plan.quality.tracking_rmse * 1e3:.1f}"
-    assert rows[2].split("\t")[-3] == f"{plan.quality.pan_reach * 1e3:.0f}".replace(",", "\u202f")
+    rows = [row.split("\t") for row in page.locator("#figures tbody tr").all_inner_texts()]
+    figures = {row[0].rpartition(" ")[0]: row[-3] for row in rows}
+    assert figures["Tracking error, RMS"] == f"{plan.quality.tracking_rmse * 1e3:.1f}"
+    assert figures["Pan reach"] == f"{plan.quality.pan_reach * 1e3:.0f}".replace(",", "\u202f")
+    assert {"RMS if friction is 10 % off", "Object to its mark, at rest"} <= set(figures)
     assert page.locator("#plots svg[role=img]").count() == 6
     assert page.locator("#paths svg[role=img]").count() == 2
     assert "NaN" not in page.content()
