@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from runtime.commands.bounds import MAX_DURATION
+from runtime.commands.columns import counts, name_or_number
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 
@@ -37,6 +40,12 @@ RATES = (1000, 500, 400, 250, 240, 200, 125, 120, 100, 60, 50, 30, 25, 20)
 
 SLOW = 0.002
 """A recording at 1 Hz or less that moves slower than this (m/s) has its times in another unit than seconds."""
+
+COUNTED = 30
+"""From so many times on that are whole numbers one after the other, they are likelier counted than seconds."""
+
+COUNTED_STEP = 0.02
+"""Farthest that a recording goes from one sample to the next (m): 0.5 m/s at 25 Hz."""
 
 FAST = 10.0
 """A command that moves faster than this (m/s) has its times in another unit too."""
@@ -94,6 +103,29 @@ def ask_rate(position: FloatArray) -> None:
     )
 
 
+def ask_time(names: Sequence[str], columns: Iterable[tuple[int, FloatArray]], x: int, y: int) -> None:
+    """Ask whether a column that increases is the time, if none has a name of it.
+
+    Args:
+        names: the names of all columns.
+        columns: index and values (n,) of each that is neither x nor y; whole numbers one after the other are a table's
+            index, and no time.
+        x, y: the indices of those.
+
+    Raises:
+        InputError: there is one, or one that counts frames.
+    """
+    for index, values in columns:
+        steps = np.diff(values)
+        if len(steps) and (steps == 1.0).all():
+            if counts(names[index]):
+                raise InputError(f"there are no times, and {names[index]!r} counts: give its rate, as in --rate 60")
+        elif len(steps) and (steps > 0.0).all():
+            said = ",".join(name_or_number(names, each) for each in (index, x, y))
+            name = repr(names[index]) if names[index].strip() else f"column {index + 1}"
+            raise InputError(f"is {name} the time? Say so by --columns {said}, or give the rate, --rate 100")
+
+
 def ask_clock(t: FloatArray, position: FloatArray, named: bool) -> None:
     """Ask for the unit of times that last too long for a command, or hardly move it.
 
@@ -109,6 +141,8 @@ def ask_clock(t: FloatArray, position: FloatArray, named: bool) -> None:
     steps = np.diff(t)
     speed = float((np.hypot(*np.diff(position, axis=0).T) / steps).max())
     slow = not named and len(t) >= 10 and steps.min() >= 1.0 and 0.0 < speed < SLOW
+    counted = not named and len(t) >= COUNTED and bool((steps == 1.0).all()) and 0.0 < speed < COUNTED_STEP
+    slow = slow or counted
     if duration <= MAX_DURATION and not slow:
         return
     guess = ""

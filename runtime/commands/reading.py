@@ -79,6 +79,11 @@ class Reading:
         """Highest acceleration along a path (m/s^2)."""
         return ACCELERATION if self.path_acceleration is None else self.path_acceleration
 
+    @property
+    def needs_times(self) -> bool:
+        """Whether a table has to tell its times, for nothing that was said does."""
+        return self.columns is None and self.rate is None and self.speed is None
+
     def completed(self, options: Mapping[str, Any]) -> Self:
         """Return these options, with those of a document where nothing was said.
 

@@ -5,14 +5,26 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
 
-from runtime.commands.columns import METRES, PIXELS, SECONDS, TUM, Choice, choose, choose_unnamed, told
+from runtime.commands.columns import (
+    METRES,
+    PIXELS,
+    SECONDS,
+    TUM,
+    Choice,
+    choose,
+    choose_unnamed,
+    may_be_header,
+    told,
+)
 from runtime.commands.points import Points
+from runtime.commands.questions import ask_time
 from runtime.commands.reading import Reading
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
@@ -30,6 +42,13 @@ LONG = 5000
 
 SAMPLED = 10
 """Lines of numbers that the delimiter is found from."""
+
+
+BEFORE_HEADER = 50
+"""Lines among which a header is looked for."""
+
+EMPTY = ' \t,;|"'
+"""What rows without a value are made of; programs leave such at a table's end."""
 
 
 class Line(NamedTuple):
@@ -67,11 +86,14 @@ def parse_table(content: str, reading: Reading) -> Points:
         InputError: columns are not found, a row has another number of cells, or a cell is no finite number; the line of
             the file (from 1) and the column are named.
     """
-    lines, comment = _lines(content)
+    lines, comments = _lines(content)
     if not lines:
         raise InputError("there are no rows")
-    delimiter = _delimiter([line.text for line in lines[1:SAMPLED]] or [lines[0].text])
-    first = _trimmed(_split(lines[0], delimiter))
+    middle = max(len(lines) // 2, min(1, len(lines) - 1))  # past what a program writes before the header
+    delimiter = _delimiter([line.text for line in lines[middle : middle + SAMPLED]])
+    before = _before_header(lines, delimiter)
+    lines = lines[before:]
+    first = _fitting(lines, delimiter)
     names: Sequence[str] | None = None
     if all(_number(cell, delimiter) is None for cell in first):
         header, names, lines = lines[0], first, lines[1:]
@@ -83,7 +105,7 @@ def parse_table(content: str, reading: Reading) -> Points:
         except InputError as error:
             raise InputError(f"line {header.number}: {error}") from None
     else:
-        names = _commented_header(comment, delimiter, len(first), reading)
+        names = _commented_header(comments, delimiter, len(first), reading)
         if names is None and _is_tum(first, delimiter):
             names = TUM
         if names is not None and not (reading.columns and {"x", "y"} <= set(reading.columns) - set(names)):
@@ -97,22 +119,50 @@ def parse_table(content: str, reading: Reading) -> Points:
     rows = _rows(lines, delimiter, len(first), whose) if parsed is None else []
     cells = _Cells(rows, [line.number for line in lines], titles, delimiter, parsed)
     position = np.column_stack([cells.numbers(choice.x), cells.numbers(choice.y)])
+    if names is not None and not choice.t and reading.needs_times:
+        choice = choice._replace(t=cells.dated())
+        if not choice.t:
+            ask_time(names, cells.others(choice), choice.x, choice.y)
     t, time_unit = cells.times(choice)
-    return Points(position, t, unit=choice.unit, time_unit=time_unit, lines=cells.lines, found=told(titles, choice))
+    passed = (f"passed {before} line{'s' * (before > 1)} by, before the header",) if before else ()
+    found = (*passed, *told(titles, choice))
+    return Points(position, t, unit=choice.unit, time_unit=time_unit, lines=cells.lines, found=found)
 
 
-def _lines(content: str) -> tuple[list[Line], Line | None]:
-    """Return the lines that are neither blank nor comments, and the last comment before them."""
+def _lines(content: str) -> tuple[list[Line], list[Line]]:
+    """Return the lines that are neither blank nor comments, and the comments before them."""
     kept: list[Line] = []
-    comment = None
+    comments: list[Line] = []
     for number, text in enumerate(re.split(r"\r\n|\n|\r", content), 1):
-        if not text.strip() or (number == 1 and text.startswith("sep=")):  # how Excel names the delimiter
+        if not text.strip() or (number == 1 and text.strip('"').lower().startswith("sep=")):  # Excel's delimiter
             continue
         if not text.lstrip().startswith(COMMENTS):
             kept.append(Line(number, text))
         elif not kept:
-            comment = Line(number, text.strip().lstrip("#%/"))
-    return kept, comment
+            comments.append(Line(number, text.strip().lstrip("#%/")))
+    while kept and not kept[-1].text.strip(EMPTY):
+        kept.pop()
+    return kept, comments
+
+
+def _before_header(lines: list[Line], delimiter: str | None) -> int:
+    """Return how many lines a program wrote before the header: titles, who measured and with what."""
+    for index, line in enumerate(lines[: min(BEFORE_HEADER, len(lines) - 1)]):
+        cells = _split(line, delimiter)
+        found = [_number(cell, delimiter) for cell in _trimmed(cells)]
+        if None not in found and len(found) > 1:
+            return 0  # numbers already
+        if not any(found) and may_be_header(cells) and len(_fitting(lines[index:], delimiter)) > 1:
+            return index
+    return 0
+
+
+def _fitting(lines: list[Line], delimiter: str | None) -> list[str]:
+    """Return the cells of the first line; one without a name at its end counts if the next line has it too."""
+    cells = _split(lines[0], delimiter)
+    if len(lines) > 1 and len(_trimmed(_split(lines[1], delimiter))) == len(cells):
+        return cells
+    return _trimmed(cells)
 
 
 def _delimiter(sample: list[str]) -> str | None:
@@ -144,17 +194,14 @@ def _trimmed(cells: list[str]) -> list[str]:
     return cells[:-1] if len(cells) > 2 and not cells[-1].strip() else cells
 
 
-def _commented_header(comment: Line | None, delimiter: str | None, width: int, reading: Reading) -> list[str] | None:
-    """Return the names in the comment before the numbers, if it is a header."""
-    for each in (delimiter, *DELIMITERS) if comment is not None else ():
-        names = _trimmed(_split(comment, each)) if comment is not None else []
-        if len(names) == width:
-            try:
-                choose(names, None)
-            except InputError:
-                if reading.columns is None or not set(reading.columns) <= {name.strip() for name in names}:
-                    continue
-            return names
+def _commented_header(comments: list[Line], delimiter: str | None, width: int, reading: Reading) -> list[str] | None:
+    """Return the names in the last of the comments before the numbers that is a header."""
+    for comment in reversed(comments):
+        for each in (delimiter, *DELIMITERS):
+            names = _trimmed(_split(comment, each))
+            asked = reading.columns is not None and set(reading.columns) <= {name.strip() for name in names}
+            if len(names) == width and (asked or may_be_header(names)):
+                return names
     return None
 
 
@@ -207,9 +254,10 @@ def _number(cell: str, delimiter: str | None) -> float | None:
 
 
 def _date(cell: str) -> float | None:
-    """Return the seconds of 01:02:03.5, or since 1970 of a date and time; None if it is none."""
-    if re.fullmatch(r"\s*\d+:\d\d(:\d\d)?(\.\d+)?\s*", cell):
-        return float(sum(float(part) * 60.0**power for power, part in enumerate(reversed(cell.split(":")))))
+    """Return the seconds of 01:02:03.5 or 0 days 01:02:03.5, or since 1970 of a date and time; None if it is none."""
+    if match := re.fullmatch(r"\s*(?:(\d+) days? )?(\d+:\d\d(?::\d\d)?(?:\.\d+)?)\s*", cell):
+        days = 86_400.0 * float(match[1] or 0)
+        return days + sum(float(part) * 60.0**power for power, part in enumerate(reversed(match[2].split(":"))))
     try:
         date = datetime.fromisoformat(cell.strip())
     except ValueError:
@@ -244,6 +292,22 @@ class _Cells(NamedTuple):
                     f"line {self.lines[row]}, column {title}: {found} {said}", f"line[{self.lines[row]}].{title}"
                 )
         return np.array(values, dtype=np.float64)
+
+    def others(self, choice: Choice) -> Iterator[tuple[int, FloatArray]]:
+        """Yield index and numbers of each column that is neither x nor y and has nothing but numbers."""
+        for column in set(range(len(self.titles))) - {choice.x, choice.y}:
+            with suppress(InputError):
+                yield column, self.numbers(column)
+
+    def dated(self) -> tuple[tuple[int, float | None], ...]:
+        """Return the column that begins with a date or a clock's time, as `Choice` has it; empty if none or more do."""
+        found = [
+            (column, None)
+            for row in self.rows[:1]
+            for column, cell in enumerate(row)
+            if _date(cell) is not None and _number(cell, self.delimiter) is None
+        ]
+        return tuple(found) if len(found) == 1 else ()
 
     def times(self, choice: Choice) -> tuple[FloatArray | None, float | None]:
         """Return the times (n,) and their unit in seconds where it is known; None if there are none."""
