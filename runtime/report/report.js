@@ -28,7 +28,7 @@ function fillFooter() {
   const drawn = time.length < samples ? `, of which ${number(time.length, 0)} are drawn; the figures are of all` : "";
   $("footer").textContent =
     `Model ${model.name}, sha256 ${model.sha256}. ${number(samples, 0)} samples, one every ${dt * 1e3} ms${drawn}. ` +
-    `g = ${GRAVITY} m/s². Pan and object are drawn with radii of ${radius.pan * 1e3} and ${radius.object * 1e3} mm.`;
+    `g = ${GRAVITY} m/s². The pan has a radius of ${mm(radius.pan)} mm, the object one of ${mm(radius.object)} mm.`;
 }
 
 function fillComparison() {

@@ -25,12 +25,6 @@ from runtime.documents.writing import write_whole
 from runtime.errors import InputError
 from runtime.plan import Plan
 
-PAN_RADIUS = 0.18
-"""Radius of the pan drawn (m): that of the simulated arm's pan. The law itself knows no rim."""
-
-OBJECT_RADIUS = 0.03
-"""Radius of the object drawn (m): that of the simulated arm's object. The law itself slides a point."""
-
 DECIMALS = 6
 """Decimals kept of positions (m), speeds (m/s) and accelerations (m/s^2): finer than any screen by far."""
 
@@ -160,12 +154,12 @@ def _document(plan: Plan, tracks: Sequence[Track]) -> dict[str, Any]:
         for group in ("command", "pan", "object")
     }
     return {
-        **{name: document[name] for name in ("dt", "model", "friction", "quality")},
+        **{name: document[name] for name in ("dt", "model", "friction", "sizes", "quality")},
         **rows,
         "time": _rounded(drawn * plan.dt),
         "slip": [_rounded(np.array(phase) * plan.dt) for phase in slip_phases(plan.object_velocity)],
         "samples": len(plan),
-        "radius": {"pan": PAN_RADIUS, "object": OBJECT_RADIUS},
+        "stop": {"acceleration": _rounded(plan.stop_acceleration)},
         "tracks": [_track_document(plan, track, drawn) for track in tracks],
     }
 

@@ -6,7 +6,7 @@ import { EXAMPLES } from "./examples.js";
 import { DT, commandAlong, commandDocument } from "./path.js";
 import { listenToPen } from "./pen.js";
 import { $, element, number } from "./viewer/dom.js";
-import { motionOf } from "./viewer/motion.js";
+import { RADIUS, motionOf } from "./viewer/motion.js";
 import { Viewer, calm } from "./viewer/viewer.js";
 
 const REACH = 0.15;  // m from the start of a path, unless the server's model was trained on another
@@ -151,6 +151,8 @@ async function askServer() {
   if (!known) return;
   trainedOn.reach = known.reach?.[1] ?? REACH;
   trainedOn.duration = known.samples ? known.samples[1] * DT : LONG;
+  const { sizes } = info.model;
+  if (sizes) Object.assign(RADIUS, { pan: sizes.pan_radius, object: sizes.object_radius });
   for (const id of ["static", "kinetic", "speed"]) if (known[id]) $(id).max = known[id][1];
   for (const id of ["static", "kinetic"]) if (known[id]) $(id).min = known[id][0];
   $("footer").textContent = `Model ${info.model.name}, sha256 ${info.model.sha256}.`;

@@ -3,7 +3,7 @@
 import { keepWithin, lengthOf } from "./path.js";
 import { RADIUS } from "./viewer/motion.js";
 
-const REACH = RADIUS.pan - RADIUS.object;  // m from the middle of the pan: there the object touches the rim
+const reach = () => RADIUS.pan - RADIUS.object;  // m from the middle of the pan: there the object touches the rim
 const MOST = 2.5;  // m: then the ink is out
 const GRAIN = 0.0008;  // m: closer points tell nothing but the tremor of the hand
 const STEP = 0.005, FINE_STEP = 0.001;  // m: what an arrow key draws, and with Shift
@@ -23,11 +23,11 @@ export function listenToPen(stage, mayDraw, show) {
   let points = [], length = 0, down = false, byKeys = false;
 
   function begin(point) {
-    points = [keepWithin(point, REACH)];
+    points = [keepWithin(point, reach())];
     length = 0;
   }
   function add(point) {
-    const next = keepWithin(point, REACH);
+    const next = keepWithin(point, reach());
     const piece = lengthOf([points.at(-1), next]);
     if (piece < GRAIN || length + piece > MOST) return;
     points.push(next);

@@ -1,7 +1,7 @@
 /** A plan as it is played and plotted: columns along its time line, and where on it a moment lies. SI units. */
 
 export const GRAVITY = 9.8;  // m/s^2, the law of friction's
-export const RADIUS = { pan: 0.18, object: 0.03 };  // m, of a plan that names none: the simulated arm's
+export const RADIUS = { pan: 0.18, object: 0.03 };  // m, where neither a plan nor a server says otherwise
 const DRAWN = 6000;  // samples at most; of a longer plan every n-th is drawn, its figures are of all
 
 const columns = (rows) => ({ x: rows.map((row) => row[0]), y: rows.map((row) => row[1]) });
@@ -34,8 +34,8 @@ function slipPhases(velocity) {
  * The motion of a plan document; of the object relative to the pan, of the pan relative to its start.
  *
  * A report's document has been thinned, so that it brings with it what can no longer be told from its rows: `time` of
- * each (s) and the `slip` phases (s); and it may have a `radius` of pan and object (m), and `tracks`, other motions on
- * the same time line: {name, object: {position, velocity}, pan: {position}}.
+ * each (s) and the `slip` phases (s); and it may have `tracks`, other motions on the same time line:
+ * {name, object: {position, velocity}, pan: {position}}.
  */
 export function motionOf(plan) {
   const last = plan.command.position.length - 1, every = Math.max(1, Math.ceil(last / (DRAWN - 1)));
@@ -63,7 +63,8 @@ export function motionOf(plan) {
     hold: plan.friction.kinetic * GRAVITY,
     quality: plan.quality,
     reachLimit: plan.quality.limits.pan_reach,
-    radius: plan.radius ?? RADIUS,
+    radius: plan.sizes ? { pan: plan.sizes.pan_radius, object: plan.sizes.object_radius } : RADIUS,
+    stop: (plan.stop?.acceleration.length ?? 0) * plan.dt,
     farthest: range([command, planned.object, ...tracks.map((track) => track.object)].map(lengths))[1],
     reach: range([planned, ...tracks].map(({ pan }) => lengths(pan)))[1],
   };

@@ -34,7 +34,7 @@ const sentence = (note) =>
   `${note.replaceAll("^2", "²").replaceAll("^3", "³").replace(/^./, (first) => first.toUpperCase())}.`;
 
 /** Rows of the table: name, unit, value, limit and margin, as they are to be read. */
-function rowsOf(quality) {
+function rowsOf({ quality, stop, radius }) {
   const { limits, margins } = quality;
   const free = (name, unit, value) => [name, unit, value, "", ""];
   const known = (name, value) => (value == null ? [] : [free(name, "mm", mm(value))]);  // older plans lack some figures
@@ -43,15 +43,19 @@ function rowsOf(quality) {
     return [name, unit, format(value), given ? format(limits[limit]) : "none", given ? format(margins[limit]) : ""];
   };
   const round = (value) => number(Number(value.toPrecision(3)), 0);
+  const room = radius.pan - radius.object;
+  const beyond = Math.max(quality.command_off_pan?.farthest ?? 0, quality.object_off_pan?.farthest ?? 0);
   return [
     free("Tracking error, RMS", "mm", mm(quality.tracking_rmse)),
     free("Tracking error, largest", "mm", mm(quality.tracking_max)),
     ...known("RMS if friction is 10 % off", quality.friction_off_rmse),
     ...known("Object to its mark, at rest", quality.rest_error),
+    ...(beyond ? [["Over the rim, at most", "mm", mm(beyond), `${mm(room)} from the middle`, ""]] : []),
     bounded("Pan reach", "mm", quality.pan_reach, "pan_reach", mm),
     bounded("Pan acceleration", "m/s²", quality.acceleration_max, "acceleration", (value) => number(value, 1)),
     bounded("Pan jerk", "m/s³", quality.jerk_max, "jerk", round),
     free("Time sliding", "%", number(quality.sliding_share * 100, 0)),
+    ...(stop ? [free("Stop after the end", "ms", number(stop * 1e3, 0))] : []),
   ];
 }
 
@@ -63,11 +67,12 @@ export function table(heads, rows) {
       element("th", { scope: "row" }, ...name), ...cells.map((cell) => element("td", { textContent: cell }))))));
 }
 
-/** Fill an element with a plan's quality. */
-export function showQuality(parent, quality) {
+/** Fill an element with the quality of a motion. */
+export function showQuality(parent, motion) {
+  const { quality } = motion;
   const [level, verdict, words] = STATUS[quality.status] ?? ["mixed", quality.status.replaceAll("_", " "), ""];
   const sign = svg('viewBox="0 0 16 16" aria-hidden="true"', `<path d="${SIGNS[level]}"/>`);
-  const rows = rowsOf(quality).map(([name, unit, ...cells]) =>
+  const rows = rowsOf(motion).map(([name, unit, ...cells]) =>
     [[`${name} `, element("small", { textContent: unit })], ...cells]);
   parent.replaceChildren(
     element("div", { className: "row" }, element("h2", { id: "quality-title", textContent: "How well it goes" }),

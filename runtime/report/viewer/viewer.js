@@ -31,7 +31,7 @@ export class Viewer {
     if (motion) {
       this.stage.load(motion);
       for (const plots of this.plots) plots.load(motion);
-      showQuality($("verdict"), motion.quality);
+      showQuality($("verdict"), motion);
       this.#fillLegend(motion);
     }
     this.layOut();

@@ -7,7 +7,7 @@ import pytest
 
 from runtime.arm import geometry as g
 from runtime.arm.urdf import ARM_URDF, arm_urdf
-from runtime.report.report import OBJECT_RADIUS, PAN_RADIUS
+from runtime.sizes import Sizes
 
 
 def test_the_urdf_is_what_the_geometry_says() -> None:
@@ -35,7 +35,7 @@ def test_home_is_where_equation_29_begins() -> None:
 
 
 def test_the_report_draws_the_pan_and_the_object_of_the_arm() -> None:
-    assert (PAN_RADIUS, OBJECT_RADIUS) == (g.PAN_RADIUS, g.OBJECT_RADIUS)
+    assert Sizes(g.PAN_RADIUS, g.OBJECT_RADIUS) == Sizes()
 
 
 def test_the_object_slides_rather_than_tips_at_the_default_friction() -> None:

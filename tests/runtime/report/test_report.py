@@ -25,16 +25,8 @@ from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
-from runtime.quality import Status
-from runtime.report.report import (
-    MAX_SAMPLES,
-    OBJECT_RADIUS,
-    PAN_RADIUS,
-    Track,
-    render_report,
-    slip_phases,
-    write_report,
-)
+from runtime.quality import OffPan, Status
+from runtime.report.report import MAX_SAMPLES, Track, render_report, slip_phases, write_report
 from runtime.sizes import Sizes
 
 if TYPE_CHECKING:
@@ -270,7 +262,7 @@ def test_the_script_is_the_modules_in_order_without_imports(plan: Plan) -> None:
 def test_the_viewer_knows_the_same_constants_and_statuses() -> None:
     motion, quality = ((VIEWER / name).read_text() for name in ("motion.js", "quality.js"))
     assert f"GRAVITY = {GRAVITY:g};" in motion
-    assert f"RADIUS = {{ pan: {PAN_RADIUS:g}, object: {OBJECT_RADIUS:g} }};" in motion
+    assert f"RADIUS = {{ pan: {Sizes().pan_radius:g}, object: {Sizes().object_radius:g} }};" in motion
     assert f"DRAWN = {MAX_SAMPLES};" in motion
     assert set(re.findall(r'^  (\w+): \["(?:good|mixed|bad)"', quality, re.MULTILINE)) == set(Status)
 
@@ -312,7 +304,7 @@ def test_a_browser_draws_the_page_at_the_time_asked_for(
     figures = {row[0].rpartition(" ")[0]: row[-3] for row in rows}
     assert figures["Tracking error, RMS"] == f"{plan.quality.tracking_rmse * 1e3:.1f}"
     assert figures["Pan reach"] == f"{plan.quality.pan_reach * 1e3:.0f}".replace(",", "\u202f")
-    assert {"RMS if friction is 10 % off", "Object to its mark, at rest"} <= set(figures)
+    assert {"RMS if friction is 10 % off", "Object to its mark, at rest", "Stop after the end"} <= set(figures)
     assert page.locator("#plots svg[role=img]").count() == 6
     assert page.locator("#paths svg[role=img]").count() == 2
     assert "NaN" not in page.content()
@@ -361,10 +353,14 @@ def test_an_object_beyond_the_rim_is_shown_where_it_is_and_marked(
 ) -> None:
     away = np.array([0.6, 0.2])
     moved = replace(
-        plan, object_position=np.zeros_like(plan.object_position) + away, command_position=plan.command_position + away
+        plan,
+        object_position=np.zeros_like(plan.object_position) + away,
+        command_position=plan.command_position + away,
+        quality=replace(plan.quality, object_off_pan=OffPan(0, 0.48)),
     )
     page = open_report(moved, (), "#t=0.1&frame=pan", color_scheme=scheme)
     assert page.inner_text("#chip") == "off the pan"
+    assert "Over the rim, at most mm\t480\t150 from the middle" in page.inner_text("#figures")
     assert "the object off the pan" in (page.locator("#scrub").get_attribute("aria-valuetext") or "")
     x, y = page.evaluate(
         "() => { const canvas = document.getElementById('stage'), { width, height } = canvas;"

@@ -33,7 +33,7 @@ def dial(server: Any, **options: Any) -> ClientConnection:
 def opened(server: Any, **others: Any) -> ClientConnection:
     socket = dial(server)
     command = {"dt": 0.001, "position": [[0.0, 0.0], [0.0001, 0.0]]}
-    socket.send(json.dumps({"format": "slide-stream/1", "command": command, **others}))
+    socket.send(json.dumps({"format": "slide-stream/1", "command": command} | others))
     assert json.loads(socket.recv())["chunk"] == 100
     return socket
 
@@ -70,7 +70,7 @@ def test_remote_stream_gives_what_a_stream_in_the_process_gives(
 
 
 def test_missing_states_are_predicted_then_braked_and_a_start_begins_again(server: Any) -> None:
-    socket = opened(server)
+    socket = opened(server, command={"dt": 0.001, "position": [[0.0, 0.0]] * 300})
     statuses = []
     for sequence in range(4):
         socket.send(json.dumps({"sequence": sequence}))
@@ -78,6 +78,18 @@ def test_missing_states_are_predicted_then_braked_and_a_start_begins_again(serve
     assert statuses == ["following", "predicted", "braking", "braking"]
     socket.send(json.dumps({"sequence": 4, "start": {}, "command": {"dt": 0.001, "position": [[0, 0], [0, 0]]}}))
     assert json.loads(socket.recv())["status"] == "following"
+    socket.close()
+
+
+def test_stream_rests_past_the_end_of_its_command(server: Any) -> None:
+    socket, statuses = opened(server, command={"dt": 0.001, "position": [[0.0, 0.0]] * 200}), []
+    for sequence in range(5):
+        state = [[1e-6 * sequence, 0.0, 0.0, 0.0]]  # what never changes counts as missing
+        socket.send(json.dumps({"sequence": sequence, "pan": state, "object": state}))
+        chunk = json.loads(socket.recv())
+        statuses.append(chunk["status"])
+    assert statuses == ["following", "following", "resting", "resting", "resting"]
+    assert not np.any(chunk["acceleration"])
     socket.close()
 
 
