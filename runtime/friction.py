@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from runtime.documents.checks import fields
-from runtime.errors import InputError, within
+from runtime.documents.parameters import Parameters
+from runtime.errors import InputError
 
 MAX_COEFFICIENT = 10.0
 """Largest friction coefficient accepted: rubber on rubber stays under 2; beyond 10 it is a slip of the pen."""
 
 
 @dataclass(frozen=True)
-class Friction:
+class Friction(Parameters):
     """Coulomb friction between pan and object.
 
     Attributes:
@@ -42,21 +42,6 @@ class Friction:
             object.__setattr__(self, name, float(value))
         if self.kinetic > self.static:
             raise InputError(f"kinetic friction {self.kinetic:g} must not exceed static friction {self.static:g}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, document: object, where: str = "friction") -> Self:
-        """Read the JSON document; `where` is its key.
-
-        Raises:
-            InputError: a key is missing or unknown, or see `Friction`.
-        """
-        parts = fields(document, where, ("static", "kinetic"))
-        with within(where):
-            return cls(parts["static"], parts["kinetic"])
 
     def corners(self, share: float) -> tuple[Self, ...]:
         """Return this friction with both coefficients lower and higher by a share, in all four ways.

@@ -1,28 +1,14 @@
-"""What the pan must keep to, and the stop that proves it still can.
-
-The pan is the double integrator of Eq. 3 with a bounded reach, acceleration and jerk; in discrete time, over a sample
-of `dt`, the jerk is the change of the acceleration from one sample to the next. A stop (`Brake`) has three phases,
-all in samples: the acceleration goes from what it was to `w` in equal steps, stays there, and goes to zero in equal
-steps. `w` is what makes the velocity end at zero: with n, h and m samples in the phases, a before and velocity v,
-
-    v/dt + a (n - 1)/2 + w ((n + m)/2 + h) = 0
-
-so that for given n, h, m the stop is linear in (v, a) and no equation is solved by iteration. Along each phase the
-position is a polynomial of degree three in the sample's index, which lies in the convex hull of its Bézier points:
-if those are inside the disc, all of the stop is, and checking it costs the same however long it takes.
-"""
+"""What the pan must keep to."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Self
+from dataclasses import dataclass
 
 import numpy as np
 
-from runtime.documents.checks import fields, number
-from runtime.errors import InputError, within
+from runtime.documents.parameters import Parameters
+from runtime.errors import InputError
 
 UNITS = {"pan_reach": "m", "acceleration": "m/s^2", "jerk": "m/s^3"}
 """The limits' names and units."""
@@ -39,7 +25,7 @@ and no plan would come to see it."""
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Parameters):
     """What holds at every sample of a plan; all lengths are Euclidean.
 
     Attributes:
@@ -95,22 +81,6 @@ class Limits:
     def finite(self) -> bool:
         """Whether there is any limit at all."""
         return math.isfinite(self.pan_reach)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, document: object, where: str = "limits") -> Self:
-        """Read the JSON document; `where` is its key.
-
-        Raises:
-            InputError: a key is missing or unknown, or a value is no limit.
-        """
-        parts: Mapping[str, Any] = fields(document, where, tuple(UNITS))
-        values = {name: number(parts[name], f"{where}.{name}") for name in UNITS}
-        with within(where):
-            return cls(**values)
 
 
 NO_LIMITS = Limits(math.inf, math.inf, math.inf)

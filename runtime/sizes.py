@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Self
+from dataclasses import dataclass
 
-from runtime.documents.checks import fields, number
+from runtime.documents.checks import number
+from runtime.documents.parameters import Parameters
 from runtime.errors import InputError
 
 LARGEST = 10.0
@@ -13,7 +13,7 @@ LARGEST = 10.0
 
 
 @dataclass(frozen=True)
-class Sizes:
+class Sizes(Parameters):
     """The radii of the pan and of the object on it.
 
     Attributes:
@@ -45,16 +45,3 @@ class Sizes:
     def room(self) -> float:
         """Largest distance of the object's centre from the pan's at which the object does not touch the rim (m)."""
         return self.pan_radius - self.object_radius
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, document: object, where: str = "sizes") -> Self:
-        """Read the JSON document; `where` is its key.
-
-        Raises:
-            InputError: a key is missing or unknown, or a value is no radius.
-        """
-        return cls(**fields(document, where, ("pan_radius", "object_radius")))

@@ -1,4 +1,4 @@
-"""A browser, for the tests of the report and of the server's page."""
+"""What all tests share: a browser for report and page, and patience with a busy machine."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import settings
 
 from benchmarks.pictures.browser import ARGUMENTS, PATIENCE, chromium
+
+# An example of hypothesis may take as long as it needs: on a busy machine a deadline fails what is right.
+settings.register_profile("patient", deadline=None)
+settings.load_profile("patient")
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page

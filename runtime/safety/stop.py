@@ -1,4 +1,16 @@
-"""A stop within the limits: what proves that the pan can still come to rest."""
+"""A stop within the limits: what proves that the pan can still come to rest.
+
+The pan is the double integrator of Eq. 3 with a bounded reach, acceleration and jerk; in discrete time, over a sample
+of `dt`, the jerk is the change of the acceleration from one sample to the next. A stop (`Brake`) has three phases,
+all in samples: the acceleration goes from what it was to `w` in equal steps, stays there, and goes to zero in equal
+steps. `w` is what makes the velocity end at zero: with n, h and m samples in the phases, a before and velocity v,
+
+    v/dt + a (n - 1)/2 + w ((n + m)/2 + h) = 0
+
+so that for given n, h, m the stop is linear in (v, a) and no equation is solved by iteration. Along each phase the
+position is a polynomial of degree three in the sample's index, which lies in the convex hull of its Bézier points:
+if those are inside the disc, all of the stop is, and checking it costs the same however long it takes.
+"""
 
 from __future__ import annotations
 

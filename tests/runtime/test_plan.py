@@ -244,7 +244,7 @@ def test_wrong_npz_is_a_format_error(plan: Plan, tmp_path: Path) -> None:
         ({"pan.velocity": np.full((250, 2), np.nan)}, r"pan.velocity\[0\], column x: nan"),
         ({"pan.velocity": np.zeros((250, 3))}, r"pan.velocity must have the shape \(K, 2\)"),
         ({"dt": np.array(np.nan)}, "dt must be a number"),
-        ({"friction.static": np.ones(2)}, "friction static must be a number"),
+        ({"friction.static": np.ones(2)}, "friction.static must be a number"),
         ({"format": np.array(1.0)}, "format must be"),
         ({"dt.more": np.array(1.0)}, "below a value|both a value and a group"),
         ({"object": np.array(1.0)}, "below a value|both a value and a group"),

@@ -1,0 +1,36 @@
+"""Parameters: a few numbers that belong together, frozen, checked when they are built, and a JSON object."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Self
+
+from runtime.documents import checks
+from runtime.errors import within
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Base of `Friction`, `Limits` and `Sizes`: their JSON document, whose keys are their fields."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, document: object, where: str | None = None) -> Self:
+        """Read the JSON document.
+
+        Args:
+            document: the parsed document.
+            where: its key; the name of the class in small letters if None.
+
+        Raises:
+            InputError: a key is missing or unknown, a value is no finite number, or the class refuses it.
+        """
+        where = cls.__name__.lower() if where is None else where
+        names = tuple(field.name for field in fields(cls))
+        parts = checks.fields(document, where, names)
+        values = {name: checks.number(parts[name], f"{where}.{name}") for name in names}
+        with within(where):
+            return cls(**values)
