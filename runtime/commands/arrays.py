@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,9 @@ from runtime.commands.points import Points
 from runtime.commands.reading import Reading
 from runtime.documents.checks import FloatArray, column, number, table
 from runtime.errors import InputError
+
+DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+"""How a date in a document begins."""
 
 
 def plain(value: object, key: str) -> object:
@@ -45,6 +50,9 @@ def times(value: object, key: str) -> FloatArray:
         InputError: they are not a list of finite numbers or of dates.
     """
     value = plain(value, key)
+    if isinstance(value, list) and value and all(isinstance(each, str) and DATE.match(each) for each in value):
+        with suppress(ValueError):
+            value = np.array([each.rstrip("Z") for each in value], dtype="datetime64[us]")
     if isinstance(value, np.ndarray) and value.dtype.kind in "mM":
         for row in np.flatnonzero(np.isnat(value))[:1]:
             raise InputError(f"{key}[{row}] is missing", f"{key}[{row}]")
@@ -93,6 +101,11 @@ def from_array(value: object, reading: Reading) -> Points:
     if is_frame(value) and not _is_nameless(value):
         return from_frame(value, reading)
     value = _stacked(plain(value, "position"))
+    if isinstance(value, np.ndarray) and value.ndim == 2 and len(value) in (2, 3) and value.shape[1] > 3:
+        wanted = value.shape[::-1]
+        raise InputError(
+            f"position must have a row for each sample, got the shape {value.shape}: transpose it, {wanted}"
+        )
     if isinstance(value, np.ndarray) and value.dtype.names:
         return from_columns({name: value[name] for name in value.dtype.names}, reading)
     if not isinstance(value, np.ndarray) or value.ndim != 2 or (value.shape[1] == 2 and not reading.columns):

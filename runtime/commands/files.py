@@ -22,6 +22,29 @@ STANDARD_INPUT = "-"
 """The path that stands for standard input."""
 
 
+PACKED = "is packed: unpack it first"
+EXPORT = "is not read: export it as CSV"
+OTHERS = {
+    b"\x1f\x8b": f"a gzip file {PACKED}, as in gunzip -c FILE | slide-plan -",
+    b"BZh": f"a bzip2 file {PACKED}",
+    b"\xfd7zXZ": f"an xz file {PACKED}",
+    b"\x28\xb5\x2f\xfd": f"a zstd file {PACKED}",
+    b"\xd0\xcf\x11\xe0": f"an Office document {EXPORT}",
+    b"\x89HDF": f"an HDF5 or MATLAB file {EXPORT}",
+    b"MATLAB 5.0": f"a MATLAB file {EXPORT}",
+    b"#ROSBAG": f"a ROS bag {EXPORT}",
+    b"\x89MCAP": f"an MCAP file {EXPORT}",
+    b"SQLite format 3": f"an SQLite file {EXPORT}",
+    b"ARROW1": f"a Feather file {EXPORT}, or as Parquet",
+    b"\x80\x04": f"a pickle {EXPORT}, or by numpy.save",
+    b"\x80\x05": f"a pickle {EXPORT}, or by numpy.save",
+    b"\x89PNG": "a picture is not read: draw the path as SVG",
+    b"\xff\xd8\xff": "a picture is not read: draw the path as SVG",
+    b"%PDF": "a PDF is not read: save the drawing as SVG",
+}
+"""How files begin that are not read, and what to do with them."""
+
+
 def read_source(path: Path) -> bytes:
     """Read a file whole, or standard input if the path is "-".
 
@@ -47,16 +70,23 @@ def parse(data: bytes, reading: Reading) -> tuple[Points, Reading]:
     """
     if data.startswith(b"\x93NUMPY"):
         return arrays.from_array(_parse_npy(data), reading), reading
+    for begin, message in OTHERS.items():
+        if data.startswith(begin):
+            raise InputError(message)
     if data.startswith(b"PK\x03\x04"):
+        if b"[Content_Types].xml" in data:
+            raise InputError(f"an Office document {EXPORT}")
         content = {name: array.item() if array.ndim == 0 else array for name, array in parse_npz(data).items()}
+        if list(content) == ["arr_0"]:  # numpy.savez of one array that has no name
+            return arrays.from_array(content["arr_0"], reading), reading
         return from_document(content, reading)
     if data.startswith(b"PAR1"):
         return arrays.from_columns(parse_parquet(data), reading), reading
     text = decode(data)
-    begin = text.lstrip()[:1]
-    if begin == "<":
+    first = text.lstrip()[:1]
+    if first == "<":
         return parse_svg(text), reading
-    if begin in ("{", "["):
+    if first in ("{", "["):
         return from_document(parse_documents(text), reading)
     return parse_table(text, reading), reading
 

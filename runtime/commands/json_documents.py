@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import reprlib
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from runtime.commands import arrays
+from runtime.commands.columns import TIMES, may_be_header
 from runtime.commands.points import Points
 from runtime.commands.reading import OPTIONS, Reading
 from runtime.commands.strokes import from_strokes, is_strokes
 from runtime.documents.files import parse_json
 from runtime.errors import InputError
 
-POINTS = ("points", "path", "positions", "waypoints", "trajectory", "polyline", "coordinates")
-"""Names under which a document may have points or records and nothing else."""
+POINTS = ("points", "path", "positions", "pos", "xy", "waypoints", "trajectory", "polyline", "coordinates")
+"""Names under which a document may have points or records."""
 
 
 def parse_documents(content: str) -> object:
@@ -37,8 +41,8 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
     """Read positions from a parsed document, and the options it names.
 
     Args:
-        document: {"t" or "dt", "position"}, columns by their names, a list of points or of records, or strokes; options
-            of `Reading` beside them.
+        document: {"t" or "dt", "position"}, columns by their names, a list of points or of records, strokes, or a line
+            in GeoJSON; options of `Reading` beside them.
         reading: options that count before the document's.
 
     Raises:
@@ -55,6 +59,8 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
         return arrays.from_array(document, reading), reading
     if not isinstance(document, Mapping):
         raise InputError('must be an object with the keys "dt" (or "t") and "position"')
+    if isinstance(document.get("type"), str) and {"coordinates", "geometry", "features"} & document.keys():
+        return _from_geojson(document, reading)
     if isinstance(document.get("data"), list) and isinstance(document.get("columns"), list):  # pandas' orient="split"
         return from_document(_records(document["columns"], document["data"]), reading)
     options = {name: document[name] for name in OPTIONS if name in document and document[name] is not None}
@@ -62,14 +68,41 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
     rest = {name: value for name, value in document.items() if name not in OPTIONS}
     if is_strokes(rest):
         return from_strokes(rest), reading
-    listed = [name for name in POINTS if name in rest]
-    if len(listed) == 1 and len(rest) == 1:
-        return from_document(rest[listed[0]], reading)
+    listed = [name for name in POINTS if isinstance(rest.get(name), (list, np.ndarray))]
+    clocks = [name for name in rest if name.lower() in TIMES]
+    if "position" not in rest and len(listed) == 1 and not may_be_header(list(rest)):
+        if not clocks and "dt" not in rest:
+            passed = [name for name in rest if name != listed[0]]
+            points, reading = from_document(rest[listed[0]], reading)
+            found = (f"passed {', '.join(map(reprlib.repr, passed))} by",) if passed else ()
+            return points._replace(found=(*found, *points.found)), reading
+        rest["position"] = rest.pop(listed[0])
+    if "position" in rest and len(clocks) == 1:
+        rest["t"] = rest.pop(clocks[0])
     if "position" in rest or not rest.keys() - {"t", "dt"}:
         return _positions(rest, reading), reading
     dt = arrays.interval(rest.pop("dt")) if "dt" in rest else None
     points = arrays.from_columns({name: _listed(value) for name, value in rest.items()}, reading)
     return (points if dt is None else points._replace(dt=dt)), reading
+
+
+def _from_geojson(document: Mapping[str, Any], reading: Reading) -> tuple[Points, Reading]:
+    """Read the one line of a GeoJSON document, or several as strokes; a height is passed by.
+
+    Raises:
+        InputError: it is no line.
+    """
+    features = document.get("features")
+    if isinstance(features, list) and len(features) == 1 and isinstance(features[0], Mapping):
+        return from_document(features[0], reading)
+    if isinstance(document.get("geometry"), Mapping):
+        return from_document(document["geometry"], reading)
+    kind, line = document["type"], document.get("coordinates")
+    if kind in ("MultiLineString", "Polygon") and isinstance(line, list) and len(line) == 1:
+        kind, line = "LineString", line[0]
+    if kind != "LineString" or not isinstance(line, list):
+        raise InputError(f"GeoJSON must have one LineString, got {reprlib.repr(kind)}", "type")
+    return Points(arrays.positions([at[:2] if isinstance(at, list) else at for at in line], "coordinates")), reading
 
 
 def _listed(column: Any) -> Any:
@@ -115,10 +148,22 @@ def _transposed(records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Return the columns of a list of records.
 
     Raises:
-        InputError: a record has other keys than the first; it is named.
+        InputError: a record lacks a key that the first has; it is named.
     """
-    names = list(records[0])
-    for index, record in enumerate(records):
-        if set(record) != set(names):
+    flat = [_flat(record) for record in records]
+    names = list(flat[0])
+    for index, record in enumerate(flat):
+        if not record.keys() >= set(names):
             raise InputError(f"record {index} has the keys {', '.join(record)}, the first has {', '.join(names)}")
-    return {name: [record[name] for record in records] for name in names}
+    return {name: [record[name] for record in flat] for name in names}
+
+
+def _flat(record: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Return a record without records in it: {"position": {"x": 1}} and {"position": [1, 2]} become position.x."""
+    flat: dict[str, Any] = {}
+    for name, value in record.items():
+        key = f"{before}{name}"
+        if isinstance(value, list) and len(value) in (2, 3):
+            value = dict(zip("xyz", value, strict=False))
+        flat |= _flat(value, f"{key}.") if isinstance(value, Mapping) else {key: value}
+    return flat

@@ -23,6 +23,9 @@ PIECES = 64
 MAX_POINTS = 1_000_000
 """Most points of a drawing."""
 
+FARTHEST = 1e9
+"""Largest coordinate of a drawing, in its own units."""
+
 LENGTHS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "pt": 0.0254 / 72, "pc": 0.0254 / 6}
 """Units in metres that the width of a drawing may have. A pixel is no length."""
 
@@ -65,27 +68,43 @@ def _name(element: ElementTree.Element) -> str:
 
 
 def _unit(root: ElementTree.Element) -> float | None:
-    """Return metres a unit of the drawing, if its width says it; an uneven scale is not looked for."""
-    match = re.fullmatch(rf"\s*({NUMBER.pattern})\s*(mm|cm|in|pt|pc)\s*", root.get("width", ""))
-    if not match:
+    """Return metres a unit of the drawing, if its width says it."""
+    width, height = (_length(root.get(name, "")) for name in ("width", "height"))
+    if width is None:
         return None
     box = [float(number) for number in NUMBER.findall(root.get("viewBox", ""))]
-    width = float(match[1]) * LENGTHS[match[2]]
-    if len(box) == 4 and box[2] > 0.0 and width > 0.0:
-        return width / box[2]
+    if len(box) == 4 and box[2] > 0.0 and box[3] > 0.0 and width > 0.0:
+        return min(width / box[2], height / box[3]) if height else width / box[2]  # the drawing is fitted in
     return LENGTHS["in"] / 96.0  # without a viewBox, units are CSS pixels, 96 an inch
+
+
+def _length(value: str) -> float | None:
+    """Return a length in metres, None if it has no unit of length."""
+    match = re.fullmatch(rf"\s*({NUMBER.pattern})\s*({'|'.join(LENGTHS)})\s*", value)
+    return float(match[1]) * LENGTHS[match[2]] if match else None
+
+
+def _is_hidden(element: ElementTree.Element) -> bool:
+    """Return whether an element is not drawn, and nothing in it: an Inkscape layer that is switched off, for one."""
+    style = dict(re.findall(r"([\w-]+)\s*:\s*([\w-]+)", element.get("style", "")))
+    said = {name: style.get(name, element.get(name)) for name in ("display", "visibility")}
+    return _name(element) in HIDDEN or said["display"] == "none" or said["visibility"] in ("hidden", "collapse")
 
 
 def _drawn(element: ElementTree.Element, outer: FloatArray) -> Iterator[FloatArray]:
     """Yield the lines of an element and of what is in it, (n, 2) in the units of the drawing."""
-    pending = [(element, outer)]
+    root, pending = element, [(element, outer)]
     while pending:
         element, outer = pending.pop()
         name = _name(element)
-        if name in HIDDEN or element.get("display") == "none":
+        if _is_hidden(element):
             continue
+        if name == "use" or (name == "svg" and element is not root):
+            raise InputError(f"the SVG has an element <{name}>, which is not read: unlink clones and ungroup first")
         matrix = outer @ _transform(element.get("transform", ""))
         for line in _lines(element, name):
+            if not (np.abs(line) <= FARTHEST).all():
+                raise InputError(f"the SVG has a coordinate beyond {FARTHEST:g} in an element <{name}>")
             yield line @ matrix[:2, :2].T + matrix[:2, 2]
         pending += [(child, matrix) for child in reversed(element)]
 

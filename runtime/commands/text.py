@@ -59,22 +59,30 @@ class Line(NamedTuple):
 
 
 def decode(data: bytes) -> str:
-    """Return the text of a file, which is UTF-8 or UTF-16; beside the numbers it may be Windows-1252.
+    """Return the text of a file, which is UTF-8 or UTF-16, or what its XML declares; beside the numbers of a table it
+    may be Windows-1252.
 
     Raises:
-        InputError: it is neither.
+        InputError: it is neither, or no text.
     """
     encoding = "utf-8-sig"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
     elif 4 * data[:400].count(0) > len(data[:400]):  # every other byte of plain text
         encoding = "utf-16-be" if data[0] == 0 else "utf-16-le"
+    elif declared := re.match(rb"<\?xml[^>]*encoding=[\"'](iso-8859-1|iso-8859-15|windows-1252|us-ascii)", data, re.I):
+        encoding = declared[1].decode("ascii")
     try:
-        return data.decode(encoding)
+        text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        if not any(re.search(rb"[\x80-\xff]", line) and re.search(rb"[0-9\0]", line) for line in data.splitlines()):
-            return data.decode("cp1252", "replace")  # a letter of a name or a comment, as Excel writes it in Europe
-        raise InputError(f"not UTF-8 text (byte {error.start})") from error
+        if any(re.search(rb"[\x80-\xff]", line) and re.search(rb"[0-9\0]", line) for line in data.splitlines()):
+            raise InputError(f"not UTF-8 text (byte {error.start})") from error
+        text = data.decode("cp1252", "replace")  # a letter of a name or a comment, as Excel writes it in Europe
+    zero = text.find("\0")
+    if zero >= 0 or (encoding.startswith("utf-16-") and not text[:100].isascii()):
+        where = f": line {text.count(chr(10), 0, zero) + 1} holds zero bytes" if zero >= 0 else ""
+        raise InputError(f"not text{where}")
+    return text
 
 
 def parse_table(content: str, reading: Reading) -> Points:

@@ -114,7 +114,11 @@ def parse_npz(data: bytes) -> dict[str, NDArray[Any]]:
         if unpacked > MAX_FILE_BYTES:
             raise InputError(f"the arrays unpack to more than {MAX_FILE_BYTES >> 20} MiB")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
+            content = {name: arrays[name] for name in arrays.files}
+        for name, array in content.items():
+            if not isinstance(array, np.ndarray):  # bytes of whatever was packed
+                raise InputError(f"not an npz file: {reprlib.repr(name)} in it is no array of numpy")
+        return content
     except InputError:
         raise
     except Exception as error:  # a broken archive makes zipfile, zlib and numpy raise nearly anything

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from runtime import InputError
+from runtime import Command, InputError, Reading
 from runtime.commands.svg import parse_svg
 
 
@@ -115,3 +117,36 @@ def test_a_drawing_in_millimetres_knows_its_unit() -> None:
 def test_what_is_no_drawing_is_refused(content: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         parse_svg(content)
+
+
+def test_what_is_switched_off_is_not_drawn() -> None:
+    line, far = '<path d="M0 0L3 4"/>', '<path d="M0 0L900 900"/>'
+    for attribute in ('style="fill:none; display : none"', 'display="none"', 'visibility="hidden"'):
+        assert parse_svg(drawing(f"<g {attribute}>{far}</g>", line)).position.max() == 3.0
+    shown = parse_svg(drawing(f'<g style="display:inline">{line}</g>'))
+    assert shown.position.max() == 3.0
+
+
+def test_a_drawing_is_fitted_into_width_and_height() -> None:
+    line = '<path d="M0 0L3 4"/>'
+    assert parse_svg(drawing(line, width="200mm", height="100mm", viewBox="0 0 200 200")).unit == 0.5e-3
+    assert parse_svg(drawing(line, width="200mm", viewBox="0 0 200 200")).unit == 1e-3
+
+
+@pytest.mark.parametrize(
+    ("element", "message"),
+    [
+        ('<use href="#a"/>', "an element <use>, which is not read"),
+        ('<svg viewBox="0 0 1 1"><path d="M0 0L3 4"/></svg>', "an element <svg>, which is not read"),
+        ('<path d="M0 0L1e999 1"/>', "a coordinate beyond 1e\\+09 in an element <path>"),
+    ],
+)
+def test_what_would_be_drawn_wrongly_is_refused(element: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        parse_svg(drawing(element))
+
+
+def test_letters_of_other_encodings_are_read(tmp_path: Path) -> None:
+    head = '<?xml version="1.0" encoding="ISO-8859-1"?>'
+    (tmp_path / "a.svg").write_bytes((head + drawing("<title>é</title>", '<path d="M0 0L3 4"/>')).encode("latin-1"))
+    assert Command.load(tmp_path / "a.svg", Reading(speed=0.3, size=0.1)).reach == pytest.approx(0.1, abs=1e-3)
