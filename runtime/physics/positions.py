@@ -85,7 +85,7 @@ def _velocities(
     for change, push, normal in inputs:
         if v:
             speed = abs(v)
-            after = v - change - v * (kinetic * normal / speed)
+            after = v * (1.0 - kinetic * normal / speed) - change
             if speed <= safe and after.real * v.real + after.imag * v.imag <= 0.0:
                 after = 0j
             v = after
