@@ -13,6 +13,7 @@ from typing import Any
 
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
 from runtime.arm.events import Event
+from runtime.arm.geometry import OBJECT_RADIUS, PAN_RADIUS
 from runtime.arm.interface import Measured
 from runtime.arm.options import ArmOptions
 from runtime.arm.results import Results, measured_track
@@ -23,10 +24,15 @@ from runtime.client import RemoteStream
 from runtime.documents.files import reading
 from runtime.documents.writing import check_writable
 from runtime.errors import InputError
+from runtime.limits import Limits
 from runtime.physics.law import DT
 from runtime.plan import Plan
 from runtime.planner import Planner
 from runtime.report.report import write_report
+from runtime.sizes import Sizes
+
+SIMULATED_SIZES = Sizes(PAN_RADIUS, OBJECT_RADIUS)
+"""Radii of the simulated pan and object."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,7 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks:
     hooks = [*(event.hook(arm) for event in events), *hooks]
     with ExitStack() as stack:
         source, remarks = _source(plan, options, stack)
+        remarks += _other_sizes(plan.sizes)
         recording = _execute(plan, arm, source, hooks, options)
 
     friction = None if events else arm.settings.friction
@@ -119,6 +126,16 @@ def _simulated(options: ArmOptions) -> Simulated:
     return Simulated(control=control, gui=options.gui, **given)
 
 
+def _other_sizes(sizes: Sizes) -> list[str]:
+    """Return a line if the plan was made for another pan or object than the simulated ones."""
+    if sizes == SIMULATED_SIZES:
+        return []
+    return [
+        f"the plan is for a pan and an object of radius {sizes.pan_radius:g} and {sizes.object_radius:g} m, the "
+        f"simulated ones have {SIMULATED_SIZES.pan_radius:g} and {SIMULATED_SIZES.object_radius:g} m"
+    ]
+
+
 def _loop(options: ArmOptions) -> str:
     if options.server is not None:
         return "closed loop through a server"
@@ -126,15 +143,21 @@ def _loop(options: ArmOptions) -> str:
 
 
 def _source(plan: Plan, options: ArmOptions, stack: ExitStack) -> tuple[Source, list[str]]:
-    """Return what moves the pan, and what is to be said of it; what must be closed is left to the stack."""
+    """Return what moves the pan, and what is to be said of it; what must be closed is left to the stack.
+
+    In closed loop the network keeps to what the plan was made for: its friction, its limits, its sizes.
+    """
+    limits = Limits(**plan.quality.limits) if None not in plan.quality.limits.values() else None
     if options.server is not None:
         token = os.environ.get("SLIDE_TOKEN")  # a command line is seen by everyone on the machine
-        remote = stack.enter_context(RemoteStream(options.server, plan.command_position, token=token))
+        remote = stack.enter_context(
+            RemoteStream(options.server, plan.command_position, plan.friction, limits=limits, token=token)
+        )
         return closed_loop(remote, remote.chunk, len(plan)), _other(plan, remote.model["name"], remote.model["sha256"])
     if not options.closed_loop:
         return open_loop(plan), []
     planner = Planner(options.model)
-    stream = planner.stream(plan.command_position)
+    stream = planner.stream(plan.command_position, plan.friction, limits=limits, sizes=plan.sizes)
     remarks = _other(plan, planner.bundle.manifest.name, planner.bundle.sha256)
     return closed_loop(stream, planner.bundle.manifest.chunk, len(plan)), remarks
 

@@ -20,6 +20,8 @@ from runtime.report.report import Track
 MM = 1e3
 """Millimetres in a metre."""
 
+LOST = {ObjectStatus.TOPPLED: "toppled", ObjectStatus.OFF_PAN: "left the pan"}
+"""What the object did that is on the pan no more."""
 
 PLAN_ARRAYS = (
     "command_position",
@@ -108,7 +110,7 @@ class Results:
     @property
     def notes(self) -> list[str]:
         """One line for each thing that was missed."""
-        notes = [] if self.lost is None else [f"the object was {self.lost} at {self.lost_at:.3f} s"]
+        notes = [] if self.lost is None else [f"the object {LOST[self.lost]} at {self.lost_at:.3f} s"]
         if self.limits:
             longest = max(self.limits.values())
             names = ", ".join(sorted(self.limits))
@@ -119,7 +121,7 @@ class Results:
     def rows(self) -> list[tuple[str, str]]:
         """Return the figures as a table of names and values."""
         law = "not known" if self.law_rms is None else f"{self.law_rms * MM:.2f} mm RMS"
-        kept = "yes" if self.lost is None else f"no, {self.lost} at {self.lost_at:.3f} s"
+        kept = "yes" if self.lost is None else f"no, it {LOST[self.lost]} at {self.lost_at:.3f} s"
         return [
             ("pan tracking", f"{self.pan_rms * MM:.3f} mm RMS, {self.pan_max * MM:.3f} mm at most"),
             ("pan height, attitude", f"{self.height_max * MM:.3f} mm, {np.degrees(self.tilt_max):.3f} deg at most"),
