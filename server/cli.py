@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-
-from runtime.cli.console import BAD_INPUT, run, say
+from runtime.cli.console import cannot_run, run
 from runtime.errors import MissingExtraError, extra
 
 
@@ -14,6 +12,5 @@ def serve_main() -> None:
         with extra("server"):
             from server.run import slide_serve
     except MissingExtraError as error:
-        say("slide-serve", f"error: {error}")
-        sys.exit(BAD_INPUT)
+        cannot_run("slide-serve", str(error))
     run("slide-serve", slide_serve)

@@ -6,7 +6,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from runtime.cli.console import BAD_INPUT, say
+from runtime.cli.console import cannot_run
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 """Where the folder `benchmarks` is, beside `runtime`, if this is a checkout."""
@@ -15,11 +15,10 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 def bench_main() -> None:
     """Entry point of `slide-bench`."""
     if not (CHECKOUT / "benchmarks" / "cli.py").exists():
-        say(
+        cannot_run(
             "slide-bench",
-            "error: the benchmarks are not part of the installed package; in a checkout of the source, "
+            "the benchmarks are not part of the installed package; in a checkout of the source, "
             "run: make bench, or pip install -e '.[dev]' and slide-bench SECTION...",
         )
-        raise SystemExit(BAD_INPUT)
     sys.path.insert(0, str(CHECKOUT))
     import_module("benchmarks.cli").bench_main()

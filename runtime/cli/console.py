@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NoReturn, cast, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -140,6 +140,15 @@ def say(name: str, message: str) -> None:
     """Print one line on standard error, preceded by the program's name; if that is closed, there is nobody to tell."""
     with suppress(OSError):
         print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
+
+
+def cannot_run(name: str, why: str) -> NoReturn:
+    """End a program that lacks what it needs, with one line on how to get it; it tells its version all the same."""
+    if sys.argv[1:] == ["--version"]:
+        print(__version__)
+        raise SystemExit
+    say(name, f"error: {why}")
+    raise SystemExit(BAD_INPUT)
 
 
 def print_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str] = (), stderr: bool = False) -> None:

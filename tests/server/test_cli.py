@@ -8,6 +8,7 @@ import sys
 import textwrap
 from pathlib import Path
 
+from runtime import __version__
 from server.settings import SECRETS, Settings
 
 SLIDE_SERVE = Path(sys.executable).with_name("slide-serve")
@@ -53,6 +54,8 @@ def test_base_install_is_told_in_one_line_what_to_install() -> None:
         assert "is not installed: " in done.stderr
         assert "[server]" in done.stderr
         assert done.stderr.count("\n") == 1
+    command = [sys.executable, "-c", textwrap.dedent(program), "--version"]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == f"{__version__}\n"
 
 
 def test_bad_setting_is_named_with_its_value_but_a_secret_is_not_shown() -> None:
