@@ -317,8 +317,8 @@ class Plan:
                 document = from_npz(parse_npz(read_bytes(path)))
             elif path.suffix.lower() in FORMATS:
                 raise InputError(
-                    f"a {path.suffix} file holds a plan's numbers for other programs: keep it as .json or .npz too, "
-                    "which can be read again"
+                    f"a plan is read from .json or .npz; a {path.suffix} file holds its numbers for other programs. "
+                    "Is this a command? Then make a plan of it with slide-plan"
                 )
             else:
                 raise InputError(f"a plan is a .json or .npz file, got the suffix {path.suffix!r}")

@@ -83,7 +83,7 @@ def assess(
     many = changes.samples > FEW * len(u)
     still = _still_error(sliding[0], len(u), command_position, friction)
     rest = math.dist(slide_to_rest(motion.sliding[-1], stop, friction), command_position[-1])
-    off_pan = {"command": _off_pan(command_position, sizes), "object": _off_pan(sliding[:, :2], sizes)}
+    off_pan = {"command": find_off_pan(command_position, sizes), "object": find_off_pan(sliding[:, :2], sizes)}
     notes = {
         Status.LIMIT_EXCEEDED: _exceeded(figures, held),
         Status.TOLERANCE_MISSED: _missed(rmse, tolerance),
@@ -140,7 +140,7 @@ def _missed(rmse: float, tolerance: FrictionRange | None) -> list[str]:
     return [f"tracking RMSE {rmse:.4g} m exceeds the tolerance of {tolerance.tolerance:g} m"]
 
 
-def _off_pan(position: FloatArray, sizes: Sizes) -> OffPan | None:
+def find_off_pan(position: FloatArray, sizes: Sizes) -> OffPan | None:
     """Return where an object at (K, 2) positions relative to the pan's centre (m) is over the rim, None if nowhere."""
     beyond = lengths(position) - sizes.room
     over = beyond > RIM_ROUNDING

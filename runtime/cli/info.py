@@ -48,11 +48,16 @@ def slide_info(
     ]
     for name, unit in TRAINED_ON.items():
         low, high = manifest.trained_on[name]
-        rows.append((f"trained on {name}", f"{low:g} to {high:g} {unit}".rstrip()))
+        rows.append((f"trained on {name.replace('_', ' ')}", f"{low:g} to {high:g} {unit}".rstrip()))
     rows += [(f"{name} size", f"{size / 1e6:.2f} MB") for name, size in loaded.sizes.items()]
     rows.append(("sha256", loaded.sha256))
-    rows += [(name.replace("_", " "), _brief(value)) for name, value in manifest.evaluation.items()]
+    rows += [(name.replace("_", " "), _brief(value) + _unit(name)) for name, value in manifest.evaluation.items()]
     print_table(str(path), rows)
+
+
+def _unit(name: str) -> str:
+    """Return the unit of an evaluation figure that the exporter writes; of others it is not known."""
+    return " m" if name.endswith(("_tracking", "_reach")) else ""
 
 
 def _brief(value: object) -> str:

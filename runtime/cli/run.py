@@ -10,11 +10,13 @@ import numpy as np
 import typer
 
 from runtime.arm.options import ArmOptions
+from runtime.assess.assess import find_off_pan
 from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import FrictionOptions, chosen, conclude, reach_of_limit
 from runtime.documents.writing import check_writable
 from runtime.errors import InputError
 from runtime.interrupt import INTERRUPTED
+from runtime.physics.law import DT
 from runtime.physics.positions import slide_to_rest
 from runtime.plan import Plan, tracking_error
 from runtime.report.report import Track, write_report
@@ -116,4 +118,6 @@ def _replay(plan_file: Path, options: FrictionOptions, report: Path | None, as_j
         if report is not None:
             rows.append(("report", str(report)))
         print_table(f"{plan_file} on the law of friction", rows)
-    conclude("slide-run", plan)
+    off_pan = None if friction == plan.friction else find_off_pan(position, plan.sizes)
+    left = [] if off_pan is None else [f"under this friction the object leaves the pan at {off_pan.first * DT:.3f} s"]
+    conclude("slide-run", plan, left)

@@ -94,6 +94,9 @@ class Bundle:
                 or results.
         """
         path = bundle_path(path)
+        if not path.exists():
+            shipped = ", ".join(sorted(folder.name for folder in SHIPPED.iterdir()))
+            raise BundleError(f"{path}: there is no such bundle: give its folder, or a shipped one's name: {shipped}")
         source = str(path / MANIFEST_FILE)
         with bundle_errors(source):
             data = _read(path / MANIFEST_FILE)

@@ -148,7 +148,7 @@ class Dispatcher:
             hung = False
             try:
                 self.process = process.number
-                log.info("ready: model %s, planned with in process %d", self.manifest.name, process.number)
+                log.info("ready: model %s, in process %d", self.manifest.name, process.number)
                 await process.work(self._plan_batches(process))
             except EOFError:
                 pass

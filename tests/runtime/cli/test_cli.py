@@ -174,7 +174,11 @@ def test_sizes_are_the_plans_and_bad_ones_are_refused(slide: Slide, tmp_path: Pa
         ("x,y\n0,0\n0,0\n", ["--static", "-1"], "friction static must be between 0 and 10, got -1"),
         ("x,y\n0,0\n0,0\n", ["--static", "nan"], "friction static must be finite"),
         ("x,y\n0,0\n0,0\n", ["--kinetic", "1.5"], "kinetic friction 1.5 must not exceed static friction 1"),
-        ("x,y\n0,0\n0,0\n", ["--model", "nowhere"], "cannot be read: No such file"),
+        (
+            "x,y\n0,0\n0,0\n",
+            ["--model", "nowhere"],
+            "nowhere: there is no such bundle: give its folder, or a shipped one's name: default, fp32",
+        ),
         ("x,y\n0,0\n0,0\n", ["-o", "absent/plan.json"], "absent/plan.json: cannot be written: there is no folder"),
         ("x,y\n0,0\n0,0\n", ["-o", "folder.json"], "folder.json: cannot be written: is a directory"),
         ("x,y\n0,0\n0,0\n", ["-o", "command.csv/plan.json"], "cannot be written"),
@@ -301,6 +305,15 @@ def test_slide_run_replays_under_another_friction(slide: Slide, plan: Plan, plan
     assert result["sliding_share"] == 0.0
     moved = np.hypot(*(plan.object_position - plan.object_position[0]).T).max()
     assert result["difference_to_plan"] == pytest.approx(moved)
+
+
+def test_slide_run_tells_that_the_object_leaves_the_pan_under_another_friction(slide: Slide, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    u = np.tile([6.0, 0.0], (400, 1))
+    Plan.of_accelerations(u, Friction(1.0, 0.5), "away").save(path)
+    assert slide("slide-run", path)[0] == 0
+    code, _, err = slide("slide-run", path, "--static", "0.1", "--kinetic", "0.1")
+    assert (code, err) == (1, "slide-run: under this friction the object leaves the pan at 0.245 s\n")
 
 
 def test_slide_run_writes_the_report(slide: Slide, plan_file: Path, tmp_path: Path) -> None:

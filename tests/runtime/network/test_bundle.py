@@ -153,7 +153,7 @@ def test_changed_graph_is_refused_before_onnxruntime_sees_it(
 
 
 def test_missing_files_are_refused(make_bundle: MakeBundle, tmp_path: Path) -> None:
-    with pytest.raises(BundleError, match=r"manifest.json: cannot be read: No such file"):
+    with pytest.raises(BundleError, match=r"nowhere: there is no such bundle: .* a shipped one's name: default, fp32"):
         Bundle.load(tmp_path / "nowhere")
     path = make_bundle(tmp_path)
     (path / "decoder_step.onnx").unlink()
