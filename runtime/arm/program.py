@@ -147,7 +147,8 @@ def _source(plan: Plan, options: ArmOptions, stack: ExitStack) -> tuple[Source, 
 
     In closed loop the network keeps to what the plan was made for: its friction, its limits, its sizes.
     """
-    limits = Limits(**plan.quality.limits) if None not in plan.quality.limits.values() else None
+    held = {name: value for name, value in plan.quality.limits.items() if value is not None}
+    limits = Limits(**held) if held else None
     if options.server is not None:
         token = os.environ.get("SLIDE_TOKEN")  # a command line is seen by everyone on the machine
         remote = stack.enter_context(
