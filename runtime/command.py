@@ -87,6 +87,13 @@ class Command:
         """Return the number of samples, K."""
         return len(self.position)
 
+    def __repr__(self) -> str:
+        x, y = self.position[0]
+        return (
+            f"<Command of {(len(self) - 1) * DT:g} s ({len(self)} samples) from ({x:.4f}, {y:.4f}) m: "
+            f"reach {self.reach:.4g} m, speed {self.speed:.3g} m/s>"
+        )
+
     @cached_property
     def velocity(self) -> FloatArray:
         """(K, 2) velocity relative to the pan (m/s)."""

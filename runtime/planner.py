@@ -63,6 +63,9 @@ class Planner:
         self.bundle = Bundle.load(DEFAULT_BUNDLE if path is None else path, sha256)
         self.plan(np.zeros((2 * self.bundle.manifest.chunk, 2)))  # warms up: the first plan is as fast as the tenth
 
+    def __repr__(self) -> str:
+        return f"<Planner with {self.bundle.manifest.name} from {self.bundle.path}>"
+
     def plan(
         self,
         position: Command | ArrayLike,

@@ -110,7 +110,7 @@ def assess(
         command_off_pan=off_pan["command"],
         object_off_pan=off_pan["object"],
         status=status,
-        notes=(*(line for lines in notes.values() for line in lines), *_left_behind(rest), *remarks),
+        notes=(*(line for lines in notes.values() for line in lines), *left_behind(rest), *remarks),
     )
 
 
@@ -181,8 +181,9 @@ def _poor(rmse: float, still: float, without_tolerance: bool) -> list[str]:
     return lines
 
 
-def _left_behind(rest: float) -> list[str]:
-    if rest <= POOR_RMSE:
+def left_behind(rest: float | None) -> list[str]:
+    """Return a line if the object rests far (m) from the command's end after the stop."""
+    if rest is None or rest <= POOR_RMSE:
         return []
     return [
         f"after the stop the object rests {rest:.4g} m from the command's end: let the command rest there for its last "

@@ -70,12 +70,6 @@ def friction_off(plan: Plan) -> str:
     return "not known" if error is None else f"{error * MM:.2f} mm"
 
 
-def stop_of(plan: Plan) -> str:
-    """Say how the plan ends: how long the pan takes to come to rest, and where the object rests then."""
-    error = plan.quality.rest_error
-    return f"{len(plan.stop_acceleration)} ms" + ("" if error is None else f", {error * MM:.2f} mm")
-
-
 def conclude(name: str, plan: Plan, missed: Sequence[str] = (), said: Sequence[str] = ()) -> None:
     """Say the worst of the plan, and what was missed besides; a miss, or a plan that failed, exits with 1.
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from runtime.assess.assess import cannot_slide
+from runtime.assess.assess import cannot_slide, left_behind
 from runtime.cli.console import BAD_INPUT, DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import (
     FrictionOptions,
@@ -28,7 +28,6 @@ from runtime.cli.options import (
     conclude,
     friction_off,
     reach_of_limit,
-    stop_of,
 )
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
@@ -95,7 +94,10 @@ def slide_plan(
     sizes: SizeOptions = SizeOptions(),
     as_json: AsJson = False,
 ) -> None:
-    """Plan the motion of the pan that slides the object along a command, or along each of many."""
+    """Plan the motion of the pan that slides the object along a command, or along each of many.
+
+    Friction, limits and radii that are not given are those of the model: slide-info shows them.
+    """
     output = Path("/dev/stdout") if str(output) == "-" else output
     many = len(commands) > 1 or (output.is_dir() and not output.suffix)
     targets = _targets(commands, output) if many else [output]
@@ -127,6 +129,9 @@ def slide_plan(
 
     if first is not None:
         _show(made := make(commands[0], output, first), as_json)
+        if not made.plan.quality.status.failed:
+            for line in left_behind(made.plan.quality.rest_error):
+                say("slide-plan", f"note: {line}")
         conclude("slide-plan", made.plan, said=warned)
         return
     documents: list[dict[str, Any]] = []
@@ -207,11 +212,13 @@ def _show(made: Made, as_json: bool) -> None:
         print_json(_document(made), stderr=taken)
     else:
         plan, quality, speed = made.plan, made.plan.quality, len(made.plan) / made.duration
+        rest = quality.rest_error
         rows = [
             ("tracking RMSE", f"{quality.tracking_rmse * MM:.2f} mm"),
             ("tracking maximum", f"{quality.tracking_max * MM:.2f} mm"),
             ("RMSE if friction is 10 % off", friction_off(plan)),
-            ("stop, object from its mark then", stop_of(plan)),
+            ("stop after the end", f"{len(plan.stop_acceleration)} ms"),
+            ("object to command after it", "not known" if rest is None else f"{rest * MM:.2f} mm"),
             ("pan reach", reach_of_limit(plan)),
             ("pan, object radius", f"{plan.sizes.pan_radius * MM:g} mm, {plan.sizes.object_radius * MM:g} mm"),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),

@@ -39,7 +39,9 @@ def slide_run(
     arm: ArmOptions = ArmOptions(),
     as_json: AsJson = False,
 ) -> None:
-    """Replay a plan on the law of friction, maybe under another friction, or execute it on a simulated arm."""
+    """Replay a plan on the law of friction, maybe under another friction than it was made for, or execute it on a
+    simulated arm.
+    """
     if pybullet:
         if replayed != FrictionOptions():
             raise InputError("--static and --kinetic are of the replay: give --friction with --pybullet")

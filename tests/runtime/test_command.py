@@ -317,3 +317,8 @@ def test_what_numbers_may_look_like_in_python() -> None:
     for position in (expected.astype(np.float32), expected.tolist(), list(expected), [tuple(p) for p in expected]):
         np.testing.assert_array_equal(Command(position).position, expected)
     np.testing.assert_array_equal(Command([[1, 2], [1, 2]]).position, [[1.0, 2.0], [1.0, 2.0]])
+
+
+def test_a_command_is_told_in_one_line() -> None:
+    command = Command.from_waypoints([0.0, 1.0], [[0.0, 0.0], [0.1, 0.0]])
+    assert repr(command).startswith("<Command of 1 s (1001 samples) from (0.0000, 0.0000) m: reach 0.1 m, speed 0.1")

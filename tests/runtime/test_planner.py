@@ -267,3 +267,7 @@ def test_plan_says_how_its_command_was_read(planner: Planner) -> None:
     assert command.notes
     plan = planner.plan(command)
     assert plan.quality.notes[-len(command.notes) :] == command.notes
+
+
+def test_a_planner_tells_its_model_and_where_it_is(planner: Planner, bundle_path: Path) -> None:
+    assert repr(planner) == f"<Planner with tiny from {bundle_path}>"

@@ -316,6 +316,18 @@ def test_slide_run_tells_that_the_object_leaves_the_pan_under_another_friction(s
     assert (code, err) == (1, "slide-run: under this friction the object leaves the pan at 0.245 s\n")
 
 
+def test_slide_plan_notes_that_the_stop_carries_the_object_away(slide: Slide, tmp_path: Path) -> None:
+    t = np.arange(1000) * 1e-3
+    position = np.stack([0.1 * t, np.zeros_like(t)], axis=1)  # ends at full speed
+    np.save(tmp_path / "dash.npy", position)
+    code, out, err = slide("slide-plan", tmp_path / "dash.npy", "-o", tmp_path / "plan.json")
+    plan = Plan.load(tmp_path / "plan.json")
+    assert plan.quality.rest_error is not None
+    assert f"{plan.quality.rest_error * 1e3:.2f} mm" in out
+    assert code == 0
+    assert "slide-plan: note: after the stop the object rests 0.0" in err
+
+
 def test_slide_run_writes_the_report(slide: Slide, plan_file: Path, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     code, out, _ = slide("slide-run", plan_file, "--report", page)
