@@ -16,7 +16,7 @@ from runtime.errors import InputError, OutputError, extra
 from runtime.network.bundle import bundle_path
 
 if TYPE_CHECKING:
-    from train.config import TrainConfig
+    from train.config import AnyConfig
     from train.evaluation.arm import ArmRow
     from train.evaluation.evaluate import Row, Subject
     from train.learn.trainer import Trainer
@@ -150,8 +150,9 @@ def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
         print(f"{summary['checkpoint']}: export it with  slide-export {folder} -o BUNDLE")
 
 
-def _run_name(config: TrainConfig) -> str:
-    return config.name if config.model == "A" else f"{config.name}-{config.model}"
+def _run_name(config: AnyConfig) -> str:
+    model = getattr(config, "model", "A")
+    return config.name if model == "A" else f"{config.name}-{model}"
 
 
 def _device(device: Device) -> str:

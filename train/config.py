@@ -4,58 +4,31 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from runtime.errors import InputError
 from train.commands.families import FAMILIES
 from train.curriculum import CURRICULA, Model
+from train.general.config import GeneralConfig
+from train.run_config import Count, NonNegative, Positive, Range, RunConfig, Share
 
-# These stand here, and not where they are put to use, so that a configuration is judged without loading torch.
-Precision = Literal["auto", "float32", "bfloat16"]
-OptimizerKind = Literal["adam", "muon"]
 Tracking = Literal["likelihood", "distance", "rms"]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(gt=0)]
-Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Range = tuple[Positive, Positive]
-
 
 RANGES = ("samples", "lead_in_chunks", "reach", "physics_reach", "physics_knots", "static_range", "kinetic_range")
 """Pairs of which the first is the lowest and the second the highest."""
 
 
-class TrainConfig(BaseModel):
-    """Everything that decides what a run trains; equal configurations and threads give equal weights.
+class TrainConfig(RunConfig):
+    """A network in SI units for one pan, the paper's or one like it; lengths are in samples of 1 ms."""
 
-    Lengths are in samples of 1 ms, ranges are (lowest, highest).
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    name: str = Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", description="name of the configuration and of the bundle")
+    network: Literal["one-pan"] = "one-pan"
     model: Model = Field("A", description="model A, B or C of Section V-B")
     curriculum: Literal["table-1", "gradual", "mid-course"] = "gradual"
-    seed: int = Field(0, ge=0)
-
-    units: Count = Field(256, description="LSTM units per layer")
-    layers: Count = 2
     chunk: Count = Field(100, description="samples per encoder and decoder iteration, C")
     command_ahead: int = Field(2, ge=0, description="command chunks in the decoder's input; 0 in the paper")
     acceleration_bound: Positive | None = Field(30.0, description="bound on |u| inside the network (m/s^2)")
-
-    epochs: Count = 50
-    trajectories: Count = Field(16384, description="trajectories per epoch")
-    batch: Count = 128
-    optimizer: OptimizerKind = Field("adam", description="adam, as in the paper, or muon for the matrices")
-    learning_rate: Positive = 1e-3
-    final_learning_rate: NonNegative = 1e-5
-    gradient_clip: Positive = Field(1.0, description="bound on the gradient's norm")
-    average: float = Field(0.998, ge=0, lt=1, description="decay of the weights' moving average per step; 0: none")
-    precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
-    threads: Count = Field(2, description="CPU threads of each process; resuming bit for bit needs the same number")
 
     tracking: Tracking = Field(
         "distance", description="of L: Eq. 22, distance in mm, or its root mean square over each trajectory"
@@ -126,6 +99,9 @@ class TrainConfig(BaseModel):
         return self
 
 
+AnyConfig = TrainConfig | GeneralConfig
+"""A configuration of either kind."""
+
 BROAD = {
     "spline_acceleration": 0.3,
     "spline_position": 0.15,
@@ -148,7 +124,7 @@ FASTER = {
 }
 """The same with more of what is fast and has corners, as letters have."""
 
-CONFIGURATIONS: dict[str, TrainConfig] = {
+ONE_PAN: dict[str, TrainConfig] = {
     "base": TrainConfig(
         name="base",
         families=BROAD,
@@ -221,15 +197,57 @@ CONFIGURATIONS: dict[str, TrainConfig] = {
         kinetic_range=(0.5, 0.5),
     ),
 }
+"""Configurations of networks for one pan, by name."""
+
+GENERAL: dict[str, GeneralConfig] = {
+    "general": GeneralConfig(
+        name="general",
+        families=FASTER,
+        units=384,
+        epochs=96,
+        trajectories=32_768,
+        batch=256,
+        optimizer="muon",
+        learning_rate=2e-3,
+        final_learning_rate=5e-6,
+        threads=1,
+    ),
+    "general_smoke": GeneralConfig(
+        name="general_smoke",
+        families=BROAD,
+        units=16,
+        epochs=10,
+        trajectories=32,
+        batch=16,
+        samples=(256, 384),
+        optimizer="muon",
+        threads=1,
+        average=0.9,
+        precision="float32",
+    ),
+}
+"""Those of networks for every pan."""
+
+CONFIGURATIONS: dict[str, AnyConfig] = {**ONE_PAN, **GENERAL}
 """Configurations by name; any other comes from a JSON file."""
 
 
-def trains_from_scratch(config: TrainConfig) -> bool:
+def trains_from_scratch(config: AnyConfig) -> bool:
     """Return whether the configuration's curriculum begins with stage 1, or goes on from a network that is trained."""
-    return CURRICULA[config.curriculum][0].number == 1
+    return isinstance(config, GeneralConfig) or CURRICULA[config.curriculum][0].number == 1
 
 
-def load_config(source: str, **changes: object) -> TrainConfig:
+def read_config(values: object) -> AnyConfig:
+    """Return the configuration with these values, of the kind that its `network` names: one-pan if it names none.
+
+    Raises:
+        ValidationError: they are not those of a configuration.
+    """
+    general = isinstance(values, dict) and values.get("network") == "general"
+    return (GeneralConfig if general else TrainConfig).model_validate(values)
+
+
+def load_config(source: str, **changes: object) -> AnyConfig:
     """Return the configuration named `source`, or that of the JSON file `source`, with `changes` applied.
 
     Raises:
@@ -239,16 +257,28 @@ def load_config(source: str, **changes: object) -> TrainConfig:
         if source in CONFIGURATIONS:
             values = CONFIGURATIONS[source].model_dump()
         elif source.endswith(".json"):
-            values = TrainConfig.model_validate_json(Path(source).read_bytes()).model_dump()
+            values = read_config(TypeAdapter(Any).validate_json(Path(source).read_bytes())).model_dump()
         else:
             raise InputError(
                 f"unknown configuration {source!r}: known are {', '.join(CONFIGURATIONS)}, or a .json file"
             )
-        return TrainConfig.model_validate(values | {k: v for k, v in changes.items() if v is not None})
+        return read_config(values | {k: v for k, v in changes.items() if v is not None})
     except ValidationError as error:
         raise InputError(f"configuration {source}: {_first_problem(error)}") from None
     except OSError as error:
         raise InputError(f"configuration {source}: {os.strerror(error.errno or 0)}") from None
+
+
+def load_one_pan(source: str, **changes: object) -> TrainConfig:
+    """Return a configuration of a network for one pan, as `load_config` does.
+
+    Raises:
+        InputError: as `load_config`, or it is one of a network for every pan.
+    """
+    config = load_config(source, **changes)
+    if not isinstance(config, TrainConfig):
+        raise InputError(f"configuration {source}: it is of a network for every pan; give one for one pan")
+    return config
 
 
 def _first_problem(error: ValidationError) -> str:

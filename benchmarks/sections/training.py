@@ -147,9 +147,9 @@ def measure_training(subject: Subject, settings: TrainingSettings) -> Measured:
     """
     with extra("train"):
         import train.learn.trainer  # noqa: F401
-        from train.config import load_config
-    configuration = load_config(settings.configuration)
-    projected = [load_config(name, **changes) for name, changes in settings.projected]
+        from train.config import load_one_pan
+    configuration = load_one_pan(settings.configuration)
+    projected = [load_one_pan(name, **changes) for name, changes in settings.projected]
     with one_torch_thread():
         projections = tuple(project(each, settings.projection_rounds) for each in projected)
         return Measured(_training(configuration, settings, projections))
@@ -216,13 +216,14 @@ def trainer_step(config: TrainConfig, batch: Batch) -> tuple[Callable[[], object
 
     from train.batches.batches import Drawn
     from train.curriculum import CURRICULA, task_at
+    from train.learn.one_pan import TaskBatch
     from train.learn.trainer import Trainer
 
     with torch.random.fork_rng():  # building a network seeds torch's own generator
         trainer = Trainer(config.model_copy(update={"threads": 1}), Path())  # a step writes nothing into the folder
     task = task_at(CURRICULA[config.curriculum], config.model, config.epochs, config.epochs)
-    drawn = Drawn(False, batch, None)
-    return lambda: trainer.step(0, task, drawn), trainer.config.precision
+    drawn = TaskBatch(task, Drawn(False, batch, None))
+    return lambda: trainer.step(0, drawn), trainer.config.precision
 
 
 def decoded_chunks(config: TrainConfig, batch: Batch) -> list[Tensor]:

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from train.config import OptimizerKind
+from train.run_config import OptimizerKind
 
 GATES = 4
 """Of an LSTM: its matrices are that many, one on top of the other."""

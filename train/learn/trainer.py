@@ -1,35 +1,29 @@
-"""The training loop: batches from the curriculum, the two losses, checkpoints that resume bit for bit."""
+"""The training loop, whatever the recipe: steps, checkpoints that resume bit for bit, several processes as one."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
-import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.optim.swa_utils import AveragedModel
 from torch.utils.tensorboard import SummaryWriter
 
 from runtime.errors import InputError, OutputError, SlideError
-from runtime.physics.law import DT
-from train.batches.batches import Drawn, draw
-from train.batches.mid_course import disturb, last_acceleration
-from train.config import Precision, TrainConfig
-from train.curriculum import CURRICULA, Task, task_at
-from train.learn.losses import Weights, loss_object, loss_pan
+from train.config import AnyConfig
 from train.learn.optimizer import Optimizer
 from train.learn.parallel import mean_over_processes, processes, rank, share
-from train.learn.validation import tracking, validate
-from train.network.checkpoint import CHECKPOINT, CHECKPOINT_FORMAT, build_model
-from train.network.model import Seq2Seq
-from train.physics.closed_loop import Prediction, decode
+from train.learn.recipe import Recipe
+from train.network.checkpoint import CHECKPOINT, CHECKPOINT_FORMAT
+from train.recipes import recipe_of
+from train.run_config import Precision
 
 SKIP_WINDOW = 100
 """Number of recent steps over which skipped ones are counted."""
@@ -58,18 +52,6 @@ class Progress(NamedTuple):
     skipped: int
 
 
-class Decoding(nn.Module):
-    """`decode` as a module's forward(), around which DistributedDataParallel averages the gradients."""
-
-    def __init__(self, model: Seq2Seq) -> None:
-        super().__init__()
-        self.model = model
-
-    def forward(self, *arguments: Any) -> Prediction:
-        """Decode in closed loop; see `decode`."""
-        return decode(self.model, *arguments)
-
-
 class Trainer:
     """A training run in a folder: `checkpoint.pt` after every epoch, TensorBoard scalars beside it.
 
@@ -79,21 +61,23 @@ class Trainer:
         config: what to train.
         run: folder of the run; made if need be.
         device: "cpu" or "cuda".
+        recipe: how; the configuration's own if None.
 
     Raises:
         InputError: the batch cannot be shared evenly by the processes.
     """
 
-    def __init__(self, config: TrainConfig, run: Path, device: str = "cpu") -> None:
+    def __init__(self, config: AnyConfig, run: Path, device: str = "cpu", recipe: Recipe | None = None) -> None:
         torch.set_num_threads(config.threads)
         self.run, self.device = run, torch.device(device)
         self.config = config.model_copy(update={"precision": settle_precision(config.precision, self.device)})
         self.share = share(config.batch)
-        self.model = build_model(config).to(self.device)
-        self.decoding: nn.Module = Decoding(self.model)
+        self.recipe = recipe or recipe_of(self.config)
+        self.model = self.recipe.build().to(self.device)
+        self.decoding: nn.Module = self.recipe.decoding(self.model)
         if processes() > 1:
             self.decoding = DistributedDataParallel(self.decoding)
-        self.average = AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.average))  # type: ignore[no-untyped-call]
+        self.average = AveragedModel(self.model, multi_avg_fn=moving_average(config.average))
         self.optimizer = Optimizer(self.model, config.optimizer, config.learning_rate)
         self.steps_per_epoch = config.trajectories // config.batch
         self.epoch = 0
@@ -119,8 +103,8 @@ class Trainer:
         scalars = SummaryWriter(str(self.run / "tensorboard"), purge_step=purge) if rank() == 0 else nullcontext()
         with scalars as writer, ThreadPoolExecutor(1) as pool:
             while self.epoch < self.config.epochs:
-                for step, task, drawn in self._batches(pool):
-                    progress = self.step(step, task, drawn)
+                for step, drawn in self._batches(pool):
+                    progress = self.step(step, drawn)
                     if writer is not None:
                         report(progress)
                         if step % 10 == 0:
@@ -130,21 +114,19 @@ class Trainer:
                     self._end_epoch(writer)
 
     def _end_epoch(self, writer: SummaryWriter) -> None:
-        self.validation = validate(self.evaluated_model(), self.config, self.device)
+        self.validation = self.recipe.validate(self.evaluated_model(), self.device)
         for name, value in self.validation.items():
             writer.add_scalar(f"validation/{name}", value, self.epoch * self.steps_per_epoch)
         self.save()
 
-    def _batches(self, pool: ThreadPoolExecutor) -> Iterator[tuple[int, Task, Drawn]]:
+    def _batches(self, pool: ThreadPoolExecutor) -> Iterator[tuple[int, Any]]:
         """Yield one epoch's steps; the next batch is drawn in another thread while the network works on this one.
 
         Everything random about a step follows from (seed, step), so a resumed run draws what it would have drawn.
         """
-        task = task_at(CURRICULA[self.config.curriculum], self.config.model, self.epoch + 1, self.config.epochs)
 
-        def draw_step(step: int) -> tuple[int, Task, Drawn]:
-            drawn = draw(self.config, task, np.random.default_rng([self.config.seed, step]))
-            return step, task, drawn.rows(self.share)
+        def draw_step(step: int) -> tuple[int, Any]:
+            return step, self.recipe.draw(step, self.steps, self.share)
 
         first = self.epoch * self.steps_per_epoch
         pending = pool.submit(draw_step, first)
@@ -154,53 +136,31 @@ class Trainer:
                 pending = pool.submit(draw_step, step + 1)
             yield drawn
 
-    def step(self, step: int, task: Task, drawn: Drawn) -> Progress:
+    def step(self, step: int, drawn: Any) -> Progress:
         """Take one step of the optimizer; a gradient that is not finite skips it.
 
         Args:
             step: its number in the whole run.
-            task: what this epoch trains on.
-            drawn: this process's share of the batch.
+            drawn: this process's share of the batch, as the recipe draws it.
 
         Raises:
             TrainingError: too many recent steps were skipped.
         """
-        config = self.config
-        batch = drawn.batch.to(self.device)
-        self.optimizer.set_rate(learning_rate(config, step / self.steps))
-
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=config.precision == "bfloat16"):
-            if drawn.disturbance is not None:
-                batch = disturb(self.model, batch, drawn.disturbance)
-            law = batch.static, batch.kinetic
-            motion = self.decoding(batch.command, *law, not drawn.pan_loss, batch.before, batch.noise)
-        if drawn.pan_loss:
-            assert batch.pan_position is not None
-            loss = loss_pan(motion.states, motion.covariance, batch.pan_position, batch.mask)
-        else:
-            loss = loss_object(
-                motion.states,
-                motion.u,
-                motion.covariance,
-                batch.object_position,
-                batch.mask,
-                loss_weights(config, task),
-                None if batch.before is None else last_acceleration(batch.before),
-            )
-
+        self.optimizer.set_rate(self.recipe.learning_rate(step, self.steps))
+        loss, *figures = self.recipe.outcome(self.decoding, drawn, self.device)
         self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
-        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), config.gradient_clip)
+        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.config.gradient_clip)
         # What is decided on is the same in every process, or their weights would part.
-        whole = torch.stack([loss.detach(), *tracking(motion.states.detach(), batch)])
-        value, error, reach = mean_over_processes(whole).tolist()
+        value, error, reach = mean_over_processes(torch.stack([loss.detach(), *figures])).tolist()
         if bool(torch.isfinite(norm)) and math.isfinite(value):
             self.optimizer.step()
             self.average.update_parameters(self.model)
         else:
             self._count_skip(step)
 
-        return Progress(self.epoch + 1, step + 1, self.steps, task.stage, value, error, reach, self.skipped)
+        stage = self.recipe.stage(step, self.steps)
+        return Progress(self.epoch + 1, step + 1, self.steps, stage, value, error, reach, self.skipped)
 
     def _count_skip(self, step: int) -> None:
         self.skipped += 1
@@ -215,9 +175,9 @@ class Trainer:
         for name in ("loss", "tracking", "pan_reach", "stage", "skipped"):
             writer.add_scalar(f"train/{name}", getattr(progress, name), progress.step)
 
-    def evaluated_model(self) -> Seq2Seq:
+    def evaluated_model(self) -> nn.Module:
         """Return the network to use: the moving average of the weights where the configuration asks for one."""
-        return cast(Seq2Seq, self.average.module) if self.config.average > 0 else self.model
+        return self.average.module if self.config.average > 0 else self.model
 
     def save(self) -> None:
         """Write the run's checkpoint, whole or not at all.
@@ -269,19 +229,16 @@ class Trainer:
         self.began_with = checkpoint.get("began_with")  # older checkpoints lack it
 
 
-def loss_weights(config: TrainConfig, task: Task) -> Weights:
-    """Return the weights of the loss L in `task`."""
-    gamma = config.late_gamma if task.late and config.late_gamma is not None else config.gamma
-    return Weights(
-        alpha=config.alpha,
-        beta=config.beta,
-        gamma=gamma,
-        pan_limit=config.pan_limit - config.pan_margin,
-        tracking=config.tracking,
-        jerk=config.jerk,
-        largest_change=config.jerk_limit * DT,
-        braking=config.braking,
-    )
+def moving_average(decay: float) -> Callable[[Sequence[Tensor], Sequence[Tensor], Tensor | int], None]:
+    """Return what moves averages towards weights, by 1 - `decay` a step; faster at first, to forget the beginning."""
+
+    @torch.no_grad()
+    def move(averages: Sequence[Tensor], weights: Sequence[Tensor], count: Tensor | int) -> None:
+        share = 1.0 - min(decay, (1.0 + float(count)) / (10.0 + float(count)))
+        for average, weight in zip(averages, weights, strict=True):
+            average.lerp_(weight, share)
+
+    return move
 
 
 def settle_precision(precision: Precision, device: torch.device) -> Precision:
@@ -293,9 +250,3 @@ def settle_precision(precision: Precision, device: torch.device) -> Precision:
     else:
         native = bool(torch.cpu.get_capabilities().get("avx512_bf16"))
     return "bfloat16" if native else "float32"
-
-
-def learning_rate(config: TrainConfig, progress: float) -> float:
-    """Cosine decay from `learning_rate` to `final_learning_rate` over progress in [0, 1]."""
-    share = 0.5 * (1.0 + math.cos(math.pi * progress))
-    return config.final_learning_rate + (config.learning_rate - config.final_learning_rate) * share

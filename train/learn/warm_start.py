@@ -27,7 +27,13 @@ READS_UNITS = re.compile(r"weight_hh|weight_ih_l[1-9]|feedforward\.weight")
 
 
 def begin_with(trainer: Trainer, source: Path) -> None:
-    """Let a new run begin with the weights of another run or of a bundle; raises what `load_weights` raises."""
+    """Let a new run begin with the weights of another run or of a bundle.
+
+    Raises:
+        InputError: the run trains a network for every pan, which begins with nothing; or what `load_weights` raises.
+    """
+    if not isinstance(trainer.model, Seq2Seq):
+        raise InputError(f"{trainer.config.name} is trained from scratch: leave --init out")
     trainer.began_with = load_weights(trainer.model, source)
     trainer.average.module.load_state_dict(trainer.model.state_dict())
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import torch
 
-from runtime.errors import FormatError
-from train.config import TrainConfig
+from runtime.errors import FormatError, InputError
+from train.config import AnyConfig, TrainConfig, read_config
 from train.network.model import Seq2Seq
 
 CHECKPOINT = "checkpoint.pt"
@@ -41,12 +41,25 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def load_model(checkpoint: dict[str, Any]) -> tuple[TrainConfig, Seq2Seq]:
-    """Return a checkpoint's configuration and the network to evaluate or export."""
-    config = TrainConfig.model_validate(checkpoint["config"])
+    """Return a checkpoint's configuration and the network to evaluate or export.
+
+    Raises:
+        InputError: it is a network of another kind.
+    """
+    config = read_config(checkpoint["config"])
+    if not isinstance(config, TrainConfig):
+        raise InputError(
+            f"{config.name} is a network for every pan, and this works with networks for one pan: "
+            "evaluate it with  python -m benchmarks.limits RUN"
+        )
     model = build_model(config)
-    if config.average > 0:
-        weights = {k.removeprefix("module."): v for k, v in checkpoint["average"].items() if k.startswith("module.")}
-    else:
-        weights = checkpoint["model"]
-    model.load_state_dict(weights)
+    model.load_state_dict(weights_to_use(checkpoint, config))
     return config, model.eval()
+
+
+def weights_to_use(checkpoint: dict[str, Any], config: AnyConfig) -> dict[str, Any]:
+    """Return a checkpoint's weights to evaluate or export: their moving average, if its configuration has one."""
+    if config.average == 0:
+        weights: dict[str, Any] = checkpoint["model"]
+        return weights
+    return {k.removeprefix("module."): v for k, v in checkpoint["average"].items() if k.startswith("module.")}

@@ -30,7 +30,7 @@ from train.learn.trainer import Trainer
 
 folder, losses = Path(sys.argv[1]), []
 with process_group("cpu"):
-    trainer = Trainer(load_config("smoke"), folder)
+    trainer = Trainer(load_config(sys.argv[2]), folder)
     trainer.train(lambda step: losses.append(step.loss))
     assert (len(losses) > 0) == (rank() == 0), "process 0 reports, and no other"
     if rank() == 0:
@@ -47,12 +47,12 @@ def torchrun(*arguments, folder):
     )
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """The smoke configuration trained by one process in `one`, as it stood half-way in `half`; and its losses."""
+@pytest.fixture(scope="module", params=["smoke", "general_smoke"])
+def runs(request, tmp_path_factory):
+    """A configuration trained by one process in `one`, as it stood half-way in `half`; its losses, and its name."""
     folder = tmp_path_factory.mktemp("runs")
     losses = []
-    trainer = Trainer(load_config("smoke"), folder / "one")
+    trainer = Trainer(load_config(request.param), folder / "one")
     save = trainer.save
 
     def save_and_keep():
@@ -62,7 +62,7 @@ def runs(tmp_path_factory):
 
     trainer.save = save_and_keep
     trainer.train(lambda step: losses.append(step.loss))
-    return folder, losses
+    return folder, losses, request.param
 
 
 def assert_same_weights(one, other):
@@ -72,9 +72,9 @@ def assert_same_weights(one, other):
 
 
 def test_two_processes_have_the_losses_and_weights_of_one(runs):
-    folder, losses = runs
+    folder, losses, name = runs
     (folder / "together.py").write_text(TOGETHER)
-    done = torchrun("together.py", folder / "two", folder=folder)
+    done = torchrun("together.py", folder / "two", name, folder=folder)
     assert done.returncode == 0, done.stderr
     both = json.loads((folder / "two" / "losses.json").read_text())
     assert both == pytest.approx(losses, rel=1e-4)
@@ -83,8 +83,8 @@ def test_two_processes_have_the_losses_and_weights_of_one(runs):
 
 
 def test_two_processes_go_on_from_a_run_of_one_by_the_command_line(runs):
-    folder, _ = runs
-    done = torchrun("-m", "train", "smoke", "--resume", "half", "--device", "cpu", "--json", folder=folder)
+    folder, _, name = runs
+    done = torchrun("-m", "train", name, "--resume", "half", "--device", "cpu", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["epochs"] == 10  # one object: one process speaks
     assert_same_weights(folder / "one", folder / "half")

@@ -8,12 +8,13 @@ import shutil
 import pytest
 import torch
 
-import train.learn.trainer as trainer_module
 from runtime.errors import FormatError, InputError, OutputError
-from train.config import load_config
+from train.config import TrainConfig, load_config
 from train.curriculum import MID_COURSE, task_at
-from train.learn.trainer import SKIP_LIMIT, Trainer, TrainingError, learning_rate, loss_weights
-from train.network.checkpoint import CHECKPOINT, load_checkpoint, load_model
+from train.learn.one_pan import OnePanRecipe, loss_weights
+from train.learn.recipe import learning_rate
+from train.learn.trainer import SKIP_LIMIT, Trainer, TrainingError, moving_average
+from train.network.checkpoint import CHECKPOINT, build_model, load_checkpoint, load_model
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +60,7 @@ def test_resumed_run_is_the_same_to_the_last_bit(smoke_run):
 
 def test_training_changes_every_weight(smoke_run):
     folder, _ = smoke_run
-    fresh = trainer_module.build_model(load_config("smoke")).state_dict()
+    fresh = build_model(load_config("smoke")).state_dict()
     _, trained = load_model(load_checkpoint(folder / "whole"))
     for name, tensor in trained.state_dict().items():
         assert not torch.equal(tensor, fresh[name]), name
@@ -69,7 +70,7 @@ def test_tracking_improves_on_stage_1(tmp_path):
     """Model C: after a hundred steps of L' the pan is much nearer to the one that generated the command."""
     values = load_config("smoke").model_dump() | {"model": "C", "epochs": 4, "trajectories": 200, "learning_rate": 3e-3}
     steps = []
-    Trainer(trainer_module.TrainConfig.model_validate(values), tmp_path).train(steps.append)
+    Trainer(TrainConfig.model_validate(values), tmp_path).train(steps.append)
     first, last = (sum(step.loss for step in part) / len(part) for part in (steps[:10], steps[-10:]))
     assert last < 0.1 * first
 
@@ -81,24 +82,22 @@ def test_resume_of_another_configuration_is_refused_and_the_difference_named(smo
         other.resume(load_checkpoint(folder / "half"))
 
 
-def poison(monkeypatch, steps):
-    """Make the loss of the given steps not finite."""
-    real = trainer_module.decode
-    calls = []
+class Poisoned(OnePanRecipe):
+    """The recipe of a configuration, with losses that are not finite in the given steps."""
 
-    def decode(*arguments):
-        motion = real(*arguments)
-        calls.append(None)
-        if len(calls) in steps:
-            return motion._replace(states=motion.states * float("nan"))
-        return motion
+    def __init__(self, config, steps):
+        super().__init__(config)
+        self.steps, self.calls = steps, 0
 
-    monkeypatch.setattr(trainer_module, "decode", decode)
+    def outcome(self, decoding, drawn, device):
+        self.calls += 1
+        found = super().outcome(decoding, drawn, device)
+        return found._replace(loss=found.loss * float("nan")) if self.calls in self.steps else found
 
 
-def test_step_with_a_gradient_that_is_not_finite_is_skipped_and_counted(tmp_path, monkeypatch):
-    trainer = Trainer(load_config("smoke").model_copy(update={"epochs": 1, "trajectories": 32}), tmp_path)
-    poison(monkeypatch, {1, 3})
+def test_step_with_a_gradient_that_is_not_finite_is_skipped_and_counted(tmp_path):
+    config = load_config("smoke").model_copy(update={"epochs": 1, "trajectories": 32})
+    trainer = Trainer(config, tmp_path, recipe=Poisoned(config, {1, 3}))
     steps = []
     trainer.train(steps.append)
     assert [step.skipped for step in steps] == [1, 1, 2, 2]
@@ -106,9 +105,9 @@ def test_step_with_a_gradient_that_is_not_finite_is_skipped_and_counted(tmp_path
     assert load_checkpoint(tmp_path)["skipped"] == 2
 
 
-def test_too_many_bad_gradients_end_the_run(tmp_path, monkeypatch):
-    trainer = Trainer(load_config("smoke", epochs=20), tmp_path)
-    poison(monkeypatch, set(range(1000)))
+def test_too_many_bad_gradients_end_the_run(tmp_path):
+    config = load_config("smoke", epochs=20)
+    trainer = Trainer(config, tmp_path, recipe=Poisoned(config, set(range(1000))))
     with pytest.raises(TrainingError, match=f"{SKIP_LIMIT + 1} of the last 100 steps"):
         trainer.train()
 
@@ -157,6 +156,17 @@ def test_change_of_acceleration_has_its_own_price_late_in_the_curriculum(late_ga
     config = load_config("default", gamma=0.12).model_copy(update={"late_gamma": late_gamma})
     prices = [loss_weights(config, task_at(MID_COURSE, "A", epoch, 10)).gamma for epoch in (5, 6)]
     assert prices == [0.12, expected]
+
+
+def test_average_forgets_the_weights_that_a_run_began_with():
+    averages, weights = [torch.tensor([100.0])], [torch.tensor([1.0])]
+    move = moving_average(0.998)
+    for count in range(1, 100):
+        move(averages, weights, count)
+    assert averages[0].item() == pytest.approx(1.0, abs=0.01)
+    weights[0] += 1.0
+    move(averages, weights, 100_000)
+    assert averages[0].item() == pytest.approx(1.002, abs=0.01)
 
 
 def test_learning_rate_falls_along_a_cosine():
