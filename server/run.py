@@ -45,7 +45,7 @@ def slide_serve(**given: Any) -> None:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
         raise InputError(_first_of(error)) from None
-    logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
+    logging.basicConfig(format="slide-serve: %(message)s", level=logging.INFO)
     listening = _listen(settings.host, settings.port)
     app = create_app(settings)
     server = Server(app, settings)

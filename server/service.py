@@ -86,7 +86,7 @@ class Service:
         if self.stopping:
             raise Problem("stopping", headers={"Retry-After": "1"})
         if self._planner is None or self._dispatcher is None or self._dispatcher.process is None:
-            raise Problem("not-ready", headers={"Retry-After": "1"})
+            raise Problem("not-ready", "the model is being loaded", headers={"Retry-After": "1"})
         return self._planner, self._dispatcher
 
     def check_room(self) -> None:

@@ -227,7 +227,7 @@ def _show(made: Made, as_json: bool) -> None:
             ("planning time", f"{made.duration * 1e3:.1f} ms for {len(plan)} samples"),
             ("samples per second", f"{speed:,.0f}, {speed / PAPER_SAMPLES_PER_SECOND:.0f} x the paper's 622"),
         ]
-        print_table(f"{made.target}: {quality.status}", rows, stderr=taken)
+        print_table(f"{'standard output' if taken else made.target}: {quality.status}", rows, stderr=taken)
 
 
 def _show_many(folder: Path, made: Sequence[dict[str, Any]], failed: dict[str, str], as_json: bool) -> None:

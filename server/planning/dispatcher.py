@@ -158,8 +158,9 @@ class Dispatcher:
                 self.process = self._busy_since = None
                 code = await (process.stop(0.0) if hung else process.stop())
             log.error("the planning process %s (%d): a new one is started", "hung" if hung else "has ended", code)
+            ended = "the planning process ended before the plan was made"
             for one in self._queue:
-                one.finish(Problem("not-ready", headers={"Retry-After": "1"}))
+                one.finish(Problem("not-ready", ended, headers={"Retry-After": "1"}))
             self._set_queue()
 
     async def _plan_batches(self, process: PlanningProcess) -> None:
