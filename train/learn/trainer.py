@@ -70,7 +70,7 @@ class Trainer:
     def __init__(self, config: AnyConfig, run: Path, device: str = "cpu", recipe: Recipe | None = None) -> None:
         torch.set_num_threads(config.threads)
         self.run, self.device = run, torch.device(device)
-        self.config = config.model_copy(update={"precision": settle_precision(config.precision, self.device)})
+        self.config = config.model_copy(update={"precision": resolve_precision(config.precision, self.device)})
         self.share = share(config.batch)
         self.recipe = recipe or recipe_of(self.config)
         self.model = self.recipe.build().to(self.device)
@@ -241,7 +241,7 @@ def moving_average(decay: float) -> Callable[[Sequence[Tensor], Sequence[Tensor]
     return move
 
 
-def settle_precision(precision: Precision, device: torch.device) -> Precision:
+def resolve_precision(precision: Precision, device: torch.device) -> Precision:
     """Return bfloat16 for "auto" where the hardware multiplies it natively, else float32: emulated it is 6 x slower."""
     if precision != "auto":
         return precision
