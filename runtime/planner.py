@@ -40,6 +40,9 @@ REFINED_FROM = 8
 
 MOST_CANDIDATES = 256
 
+MOST_EFFORT = {"refine_ms": 600_000.0, "refine_iterations": 100_000.0}
+"""Most that a plan is refined: ten minutes, far beyond what gains anything."""
+
 AT_REST = Start()
 
 Value = TypeVar("Value", Friction, Limits, Start, Sizes)
@@ -288,7 +291,8 @@ def _effort(milliseconds: float | None, iterations: int | None, robust: float, l
     """Return how long to refine, None for not at all; loads what it takes, so that the time begins to count after.
 
     Raises:
-        InputError: both are given, one is negative, no number or not whole, or there are no limits to refine within.
+        InputError: both are given, one is negative, too large, no number or not whole, or there are no limits to refine
+            within.
         MissingExtraError: a time is given, and numba is not installed: without it nothing would come of it.
     """
     if milliseconds is None and iterations is None:
@@ -299,8 +303,8 @@ def _effort(milliseconds: float | None, iterations: int | None, robust: float, l
         raise InputError("a plan is refined within limits, and there are none", "limits")
     name, value = ("refine_ms", milliseconds) if iterations is None else ("refine_iterations", iterations)
     amount = number(value, name)
-    if amount < 0.0:
-        raise InputError(f"{name} must not be negative, got {amount:g}", name)
+    if not 0.0 <= amount <= MOST_EFFORT[name]:
+        raise InputError(f"{name} must be between 0 and {MOST_EFFORT[name]:g}, got {amount:g}", name)
     if iterations is not None and amount != int(amount):
         raise InputError(f"refine_iterations must be a whole number, got {amount:g}", name)
     if iterations is None:

@@ -19,7 +19,8 @@ STRONGER = 1.4
 """Times that each stop tried is stronger than the one before, at most."""
 
 MOST_STRONGER = 30.0
-"""Times that the strongest stop is stronger than the first that does not hold back a sliding object, at most."""
+"""Times that a stop is tried in steps of STRONGER beyond the first that does not hold back a sliding object; after
+them comes the strongest."""
 
 KEPT = 5e-4
 """Distance (m) that the object may be moved by a stop, and counts as kept where it was."""
@@ -91,7 +92,8 @@ def _strengths(state: PanState, limits: Limits, friction: Friction) -> list[floa
     most = strongest(state, limits)
     least = min(most, math.hypot(state.vx, state.vy) / LONGEST_STOP)
     holding, carrying = (GENTLE * coefficient * GRAVITY for coefficient in (friction.kinetic, friction.static))
-    first = min(max(carrying, least, most / MOST_STRONGER), most)
-    more = np.geomspace(first, most, 1 + math.ceil(math.log(most / first) / math.log(STRONGER))).tolist()
-    found = {min(max(strength, least), most) for strength in (holding, *more)}
+    first = min(max(carrying, least), most)
+    last = min(most, first * MOST_STRONGER)
+    more = np.geomspace(first, last, 1 + math.ceil(math.log(last / first) / math.log(STRONGER))).tolist()
+    found = {min(max(strength, least), most) for strength in (holding, *more, most)}
     return sorted(strength for strength in found if strength > 0.0)

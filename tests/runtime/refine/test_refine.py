@@ -153,7 +153,9 @@ def test_an_object_breaks_away_earlier_under_a_stronger_push() -> None:
     ("arguments", "message"),
     [
         ({"refine_ms": 5.0, "refine_iterations": 5}, "refine_ms or refine_iterations, not both"),
-        ({"refine_ms": -5.0}, "refine_ms must not be negative, got -5"),
+        ({"refine_ms": -5.0}, "refine_ms must be between 0 and 600000, got -5"),
+        ({"refine_ms": 1e9}, "refine_ms must be between 0 and 600000, got 1e\\+09"),
+        ({"refine_iterations": 1e9}, "refine_iterations must be between 0 and 100000, got 1e\\+09"),
         ({"refine_ms": float("nan")}, "refine_ms: nan is not a finite number"),
         ({"refine_iterations": 5.5}, "refine_iterations must be a whole number, got 5.5"),
         ({"refine_iterations": 5, "limits": NO_LIMITS}, "refined within limits"),
