@@ -39,6 +39,7 @@ def slide_info(
         ("chunk", f"{manifest.chunk} samples of {manifest.dt * 1e3:g} ms"),
         ("command ahead", f"{manifest.command_ahead} chunks"),
         ("friction, static/kinetic", f"{manifest.friction.static:g}/{manifest.friction.kinetic:g}"),
+        ("pan, object radius", f"{manifest.sizes.pan_radius:g} m, {manifest.sizes.object_radius:g} m"),
         ("pan limit", f"{manifest.pan_limit:g} m"),
         ("acceleration bound", "none" if bound is None else f"{bound:g} m/s^2"),
         *(

@@ -96,7 +96,7 @@ def slide_plan(
 ) -> None:
     """Plan the motion of the pan that slides the object along a command, or along each of many.
 
-    Friction, limits and radii that are not given are those of the model: slide-info shows them.
+    slide-info shows the model's friction, limits and radii, which count unless others are given.
     """
     output = Path("/dev/stdout") if str(output) == "-" else output
     many = len(commands) > 1 or (output.is_dir() and not output.suffix)

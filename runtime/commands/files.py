@@ -14,7 +14,7 @@ from runtime.commands.parquet import parse_parquet
 from runtime.commands.points import Points
 from runtime.commands.reading import Reading
 from runtime.commands.svg import parse_svg
-from runtime.commands.text import decode, parse_table
+from runtime.commands.text import parse_table, text_of
 from runtime.documents.files import MAX_FILE_BYTES, parse_npz, read_bytes
 from runtime.errors import InputError
 
@@ -82,7 +82,7 @@ def parse(data: bytes, reading: Reading) -> tuple[Points, Reading]:
         return from_document(content, reading)
     if data.startswith(b"PAR1"):
         return arrays.from_columns(parse_parquet(data), reading), reading
-    text = decode(data)
+    text = text_of(data)
     first = text.lstrip()[:1]
     if first == "<":
         return parse_svg(text), reading

@@ -58,7 +58,7 @@ class Line(NamedTuple):
     text: str
 
 
-def decode(data: bytes) -> str:
+def text_of(data: bytes) -> str:
     """Return the text of a file, which is UTF-8 or UTF-16, or what its XML declares; beside the numbers of a table it
     may be Windows-1252.
 

@@ -364,6 +364,9 @@ def test_slide_info_says_what_the_bundle_is(slide: Slide, planner: Planner, bund
     assert (code, err) == (0, "")
     for words in ("tiny", "2 x 8 LSTM units, fp32, opset 17", "0.5 to 1.4", "100 m", "none", "tracking rmse", "0.002"):
         assert words in out
+    assert "0.18 m, 0.03 m" in out
+    shipped = slide("slide-info", "default")[1]
+    assert re.search(r"spline acceleration tracking +0\.00[0-9]+ m\n", re.sub(" +\n", "\n", shipped))
     assert planner.bundle.sha256 in out.replace("\n", "").replace(" ", "")
     assert max(map(len, out.splitlines())) <= 80
     result = json.loads(slide("slide-info", bundle_path, "--json")[1])
