@@ -34,7 +34,7 @@ from runtime.commands.files import STANDARD_INPUT
 from runtime.commands.reading import Reading
 from runtime.documents.writing import check_writable, is_standard_output
 from runtime.errors import InputError, OutputError, SlideError
-from runtime.outputs.formats import format_of
+from runtime.outputs.formats import FORMATS, format_of
 from runtime.physics.law import DT
 from runtime.plan import Plan
 from runtime.planner import Planner
@@ -166,7 +166,7 @@ def _targets(commands: Sequence[Path], folder: Path) -> list[Path]:
         if target in targets:
             raise InputError(f"{targets[target]} and {command} would both be written to {target}")
         targets[target] = command
-    if folder.exists() and not folder.is_dir():
+    if not folder.is_dir() and (folder.exists() or folder.suffix in FORMATS):
         raise OutputError(f"{folder}: cannot be written: {len(commands)} plans need a folder")
     try:
         folder.mkdir(exist_ok=True)

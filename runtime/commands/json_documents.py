@@ -59,8 +59,6 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
         return arrays.from_array(document, reading), reading
     if not isinstance(document, Mapping):
         raise InputError('must be an object with the keys "dt" (or "t") and "position"')
-    if isinstance(document.get("type"), str) and {"coordinates", "geometry", "features"} & document.keys():
-        return _from_geojson(document, reading)
     if isinstance(document.get("data"), list) and isinstance(document.get("columns"), list):  # pandas' orient="split"
         return from_document(_records(document["columns"], document["data"]), reading)
     options = {name: document[name] for name in OPTIONS if name in document and document[name] is not None}
@@ -68,6 +66,8 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
     rest = {name: value for name, value in document.items() if name not in OPTIONS}
     if is_strokes(rest):
         return from_strokes(rest), reading
+    if isinstance(rest.get("type"), str) and {"coordinates", "geometry", "features"} & rest.keys():
+        return _from_geojson(rest), reading
     listed = [name for name in POINTS if isinstance(rest.get(name), (list, np.ndarray))]
     clocks = [name for name in rest if name.lower() in TIMES]
     if "position" not in rest and len(listed) == 1 and not may_be_header(list(rest)):
@@ -86,23 +86,24 @@ def from_document(document: object, reading: Reading) -> tuple[Points, Reading]:
     return (points if dt is None else points._replace(dt=dt)), reading
 
 
-def _from_geojson(document: Mapping[str, Any], reading: Reading) -> tuple[Points, Reading]:
-    """Read the one line of a GeoJSON document, or several as strokes; a height is passed by.
+def _from_geojson(document: Mapping[str, Any]) -> Points:
+    """Read the one line of a GeoJSON document; heights are passed by.
 
     Raises:
-        InputError: it is no line.
+        InputError: it is no line, or it is one of several.
     """
-    features = document.get("features")
-    if isinstance(features, list) and len(features) == 1 and isinstance(features[0], Mapping):
-        return from_document(features[0], reading)
-    if isinstance(document.get("geometry"), Mapping):
-        return from_document(document["geometry"], reading)
-    kind, line = document["type"], document.get("coordinates")
+    for _ in range(2):  # a collection of one feature, whose geometry is the line
+        features, geometry = document.get("features"), document.get("geometry")
+        if isinstance(features, list) and len(features) == 1 and isinstance(features[0], Mapping):
+            document = features[0]
+        elif isinstance(geometry, Mapping):
+            document = geometry
+    kind, line = document.get("type"), document.get("coordinates")
     if kind in ("MultiLineString", "Polygon") and isinstance(line, list) and len(line) == 1:
         kind, line = "LineString", line[0]
     if kind != "LineString" or not isinstance(line, list):
         raise InputError(f"GeoJSON must have one LineString, got {reprlib.repr(kind)}", "type")
-    return Points(arrays.positions([at[:2] if isinstance(at, list) else at for at in line], "coordinates")), reading
+    return Points(arrays.positions([at[:2] if isinstance(at, list) else at for at in line], "coordinates"))
 
 
 def _listed(column: Any) -> Any:

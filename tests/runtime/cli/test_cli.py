@@ -257,6 +257,7 @@ def test_many_commands_need_a_folder_and_names_of_their_own(slide: Slide, tmp_pa
     for commands, output, message in (
         (twice, "plans", "would both be written to"),
         (twice[:2], "file", "cannot be written: 2 plans need a folder"),
+        (twice[:2], "plans.json", "cannot be written: 2 plans need a folder"),
         (twice[:2], "absent/plans", "cannot be made: No such file"),
     ):
         code, _, err = slide("slide-plan", *commands, "-o", tmp_path / output)

@@ -50,6 +50,16 @@ def test_a_line_of_geojson_is_read(name: str) -> None:
     assert command.position == pytest.approx(RECORDED.position, abs=1e-9)
 
 
+def test_options_stand_beside_a_line_of_geojson() -> None:
+    assert Command.from_dict(LINE | {"rate": 100}).position == pytest.approx(RECORDED.position, abs=1e-9)
+
+
+def test_geojson_nested_as_deep_as_json_goes_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"type": "Feature", "geometry": ' * 900 + "{}" + "}" * 900)
+    with pytest.raises(FormatError, match="GeoJSON must have one LineString"):
+        Command.load(tmp_path / "a.json")
+
+
 def test_geojson_without_one_line_is_refused() -> None:
     with pytest.raises(FormatError, match="GeoJSON must have one LineString, got 'Point'"):
         Command.from_dict({"type": "Point", "coordinates": [0, 0]})

@@ -208,6 +208,9 @@ def test_problem_says_the_place_of_the_fault(server: Any) -> None:
     where, detail = place(command={"dt": 0.01, "position": [[0, 0], [0, 50], [50, 0]]})
     assert where == "command.position[1][1]"
     assert "are these millimetres (--scale 0.001)?" in detail
+    where, detail = place(command={"t": [0, 500, 1000], "position": [[0, 0], [0.05, 0], [0.1, 0]]})
+    assert where == "command.t"
+    assert "are these milliseconds? --time-scale 0.001 makes them seconds" in detail
     assert place(command={"dt": 0.01, "rate": 100, "position": [[0, 0], [0, 0]]})[0] == "command"
     assert place(command={"dt": 0.01, "scale": 0, "position": [[0, 0], [0, 0]]})[0] == "command.scale"
     assert place(command={"dt": 0.01, "origin": "left", "position": [[0, 0], [0, 0]]})[0].startswith("command.origin")
