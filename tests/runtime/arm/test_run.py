@@ -137,7 +137,7 @@ def test_a_lost_object_is_said_with_its_time(plan: Plan) -> None:
         each._replace(status=ObjectStatus.OFF_PAN) if k >= 123 else each for k, each in enumerate(recording.measured)
     ]
     results = Results.of(plan, replace(recording, measured=tuple(gone)), 0.5)
-    assert results.notes == ["the object was off the pan at 0.123 s"]
+    assert results.notes == ["the object left the pan at 0.123 s"]
 
 
 def test_limits_are_said(plan: Plan) -> None:
