@@ -64,7 +64,8 @@ def move(
         state: (size,) at the start; afterwards, at the end.
         friction: (2n,) of each of n objects mu g and mu' g (m/s^2).
         weights: (n,) how much each counts; their sum is 1.
-        law: soft reach (m), and `stopping`'s time for the ramps (s).
+        law: soft reach (m), and of the stop after the last sample, its braking acceleration (m/s^2) and `stopping`'s
+            time for the ramps (s).
         within: largest acceleration and change of it from sample to sample, acceleration of the sample before (m/s^2).
         gains: from `sweep`, a row for each block; zeros leave `u` as it is.
         planned: (size K,) the states that the gains were found along.
@@ -76,7 +77,7 @@ def move(
         Sum of the squared distances to the command (m^2), on the weighted mean of the objects; that with the
         penalties; the largest distance of the pan (m).
     """
-    reach, ramps = law
+    reach, braking, ramps = law
     bound, change, last_x, last_y = within
     size, objects = len(state), len(friction) // 2
     row_length = row_size(size)
@@ -110,7 +111,7 @@ def move(
         state[0], state[2] = pan_step(x, vx, last_x, DT)
         state[1], state[3] = pan_step(y, vy, last_y, DT)
     x, y, vx, vy = state[0], state[1], state[2], state[3]
-    tau = stopping(vx, vy, bound, ramps)
+    tau = stopping(vx, vy, braking, ramps)
     distance = math.sqrt((x + tau * vx) ** 2 + (y + tau * vy) ** 2)
     penalty += END_WEIGHT * max(distance - reach, 0.0) ** 2
     return squared, squared + penalty, max(farthest, math.sqrt(x * x + y * y))
@@ -129,13 +130,13 @@ def follow_one(last_x: float, last_y: float, ux: float, uy: float, bound: float,
     return ux, uy
 
 
-def stopping(vx: float, vy: float, bound: float, ramps: float) -> float:
+def stopping(vx: float, vy: float, braking: float, ramps: float) -> float:
     """Return the time (s) in which a pan would go as far at this velocity as it needs to come to rest."""
-    return 0.5 * math.sqrt(vx * vx + vy * vy) / bound + ramps
+    return 0.5 * math.sqrt(vx * vx + vy * vy) / braking + ramps
 
 
 def sweep(
-    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any, bound: float,
+    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any,
     states: Column, damping: float, gains: Column, s: Column, g: Column,
 ) -> None:  # fmt: skip
     """Fill `gains` with the change of each block that brings the quadratic model down to its least, and its answers.
@@ -145,19 +146,19 @@ def sweep(
     law.
 
     Args:
-        u, command, state, friction, weights, law, bound, states: as `move` left them; `state` is the one at the end.
+        u, command, state, friction, weights, law, states: as `move` left them; `state` is the one at the end.
         damping: weight of the squared change (m^2 per (m/s^2)^2): the smaller, the longer the step.
         gains: (a row for each block,) filled.
         s, g: ((size + 2)^2,) and (size + 2,), for S and g.
     """
-    reach, ramps = law
+    reach, braking, ramps = law
     size, objects = len(state), len(friction) // 2
     order, ux, uy = size + 2, size, size + 1
     for i in range(order * order):
         s[i] = 0.0
     for i in range(order):
         g[i] = 0.0
-    tau = stopping(state[2], state[3], bound, ramps)
+    tau = stopping(state[2], state[3], braking, ramps)
     price_reach(s, g, order, state[0] + tau * state[2], state[1] + tau * state[3], tau, reach, END_WEIGHT)
     half = 0.5 * DT
     for k in range(len(u) // 2 - 1, -1, -1):

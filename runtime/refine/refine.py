@@ -22,13 +22,15 @@ import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
+from runtime.limits import Limits
 from runtime.physics.compiled import compile_together, compiler
 from runtime.physics.law import DT, GRAVITY, slide, slide_one
 from runtime.physics.motion import Motion
+from runtime.physics.pan import integrate_pan
 from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, Column, move, row_size, state_size, sweep
 from runtime.safety.governor import govern
-from runtime.safety.pan import Pan
-from runtime.safety.stop import PanState
+from runtime.safety.pan import Pan, state_after
+from runtime.safety.stop import GENTLE, PanState, find_brake, stop_reach, strongest
 
 SOFT_REACH = 0.97
 """Share of the reach from which the penalty begins."""
@@ -89,7 +91,9 @@ def kernels() -> Kernels:
     functions = compile_together(FUNCTIONS, compile_one)
     found = Kernels(functions["move"], functions["sweep"], lambda values: np.array(values, dtype=np.float64).ravel())
     nothing = np.zeros((1, 2))
-    descent = Descent(found, nothing, nothing, np.zeros(4), np.zeros(4), [Friction()], (1.0, 0.0), (1.0, 1.0, 0.0, 0.0))
+    descent = Descent(
+        found, nothing, nothing, np.zeros(4), np.zeros(4), [Friction()], (1.0, 1.0, 0.0), (1.0, 1.0, 0.0, 0.0)
+    )
     descent.go_on()  # compiles, so that no plan waits for it
     return found
 
@@ -182,7 +186,7 @@ class Descent:
 
     def _sweep(self, damping: float) -> None:
         self._loops.sweep(
-            self._u, self._command, self._end, self._friction, self._weights, self._law, self._within[0],
+            self._u, self._command, self._end, self._friction, self._weights, self._law,
             self._states, damping, self._gains, *self._model,
         )  # fmt: skip
 
@@ -264,15 +268,31 @@ def _descend(
     limits = pan.limits
     ramps = RAMPS * min(limits.acceleration / limits.jerk, math.sqrt(BRAKED_FROM / limits.jerk))
     within = limits.acceleration, limits.jerk * DT, *pan.state[4:]
-    law = SOFT_REACH * limits.pan_reach, ramps
+    reached = integrate_pan(np.array(pan.state[:4]), u)
+    braking = _braking(state_after(reached, u), limits, frictions[0])
+    law = SOFT_REACH * limits.pan_reach, braking, ramps
     descent = Descent(loops, u, command, np.array(pan.state[:4]), sliding, frictions, law, within)
     best, least, count = u, descent.squared, 0
     while time.perf_counter() < until if effort.iterations is None else count < effort.iterations:
         count += 1
         better = descent.go_on() and descent.squared < least and descent.farthest <= limits.pan_reach
-        if better and Pan.at(descent.end(), limits).can_stop:
+        if better and _can_stop(descent.end(), limits, braking):
             best, least = descent.acceleration(), descent.squared
     return best
+
+
+def _braking(end: PanState, limits: Limits, friction: Friction) -> float:
+    """Return how hard a pan may brake after a plan (m/s^2): so that a resting object stays where it is, if that goes.
+
+    What could be stopped gently can be stopped so after refinement too; else an object that was on its mark in the end
+    would slide away from it as soon as the plan is over.
+    """
+    gentle = min(GENTLE * friction.static * GRAVITY, limits.acceleration)
+    return gentle if gentle > 0.0 and _can_stop(end, limits, gentle) else limits.acceleration
+
+
+def _can_stop(end: PanState, limits: Limits, braking: float) -> bool:
+    return stop_reach(end, find_brake(end, limits, min(braking, strongest(end, limits)))) <= limits.pan_reach
 
 
 def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, chunk: int) -> tuple[Motion, Pan]:

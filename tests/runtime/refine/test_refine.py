@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime import Friction, InputError, Limits, Plan, Planner, Start
+from runtime import Command, Friction, InputError, Limits, Plan, Planner, Start
 from runtime.limits import NO_LIMITS
 from runtime.physics.law import DT, slide_step
 from runtime.physics.linearized import linearize
@@ -92,7 +92,7 @@ def test_damped_step_is_along_the_gradient_of_the_cost(robust: float) -> None:
     sliding = [0.0, 0.0, -0.5, -0.3]  # sliding throughout, and the pan beyond the soft reach
     start = np.array([0.1, 0.05, 0.2, 0.1, *(sliding * objects)])
     friction = column(9.8 * np.array([(each.static, each.kinetic) for each in frictions]))
-    law, within = (0.1, 0.0045), (1e9, 1e9, 0.0, 0.0)
+    law, within = (0.1, 1e9, 0.0045), (1e9, 1e9, 0.0, 0.0)
     gains, states = column(np.zeros((samples // BLOCK, row))), column(np.zeros((samples, state)))
     each = column(weights(objects))
 
@@ -109,7 +109,7 @@ def test_damped_step_is_along_the_gradient_of_the_cost(robust: float) -> None:
     _, end = cost(u)
     model = column(np.zeros((state + 2, state + 2))), column(np.zeros(state + 2))
     sweep(
-        column(u), column(command), end, friction, each, law, within[0], list(states), damping, gains, *model
+        column(u), column(command), end, friction, each, law, list(states), damping, gains, *model
     )  # fmt: skip
     for block in (0, 3, 7):
         for axis in (0, 1):
@@ -186,6 +186,19 @@ def test_refinement_makes_plans_better_where_the_friction_is_not_quite_what_was_
     assert robust.mean() < 0.9 * before.mean()
     assert nominal[0] < robust[0]
     assert robust[1:].mean() < nominal[1:].mean()
+
+
+def test_refinement_leaves_the_object_where_the_command_ends_if_the_plan_did() -> None:
+    planner = Planner()
+    t = np.linspace(0.0, 1.0, 5)
+    command = Command.from_waypoints(t, np.array([[0, 0], [0.04, 0.02], [0.02, 0.05], [-0.02, 0.03], [0.03, 0.0]]))
+    at_rest = np.concatenate([command.position, np.tile(command.position[-1], (250, 1))])
+    before = planner.plan(at_rest)
+    assert before.quality.rest_error < 0.005
+    for robust in (0.0, 0.1):
+        after = planner.plan(at_rest, refine_iterations=60, robust=robust)
+        assert after.quality.rest_error < 0.01
+        assert after.quality.tracking_rmse < 1.1 * before.quality.tracking_rmse
 
 
 def test_the_best_candidate_is_no_worse_than_the_plan_and_obeys_the_law(planner: Planner, make_curve: Curve) -> None:
