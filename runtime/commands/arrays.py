@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,9 @@ def times(value: object, key: str) -> FloatArray:
     value = plain(value, key)
     if isinstance(value, list) and value and all(isinstance(each, str) and DATE.match(each) for each in value):
         with suppress(ValueError):
-            value = np.array([each.rstrip("Z") for each in value], dtype="datetime64[us]")
+            dates = [datetime.fromisoformat(each) for each in value]
+            dates = [date if date.tzinfo else date.replace(tzinfo=UTC) for date in dates]
+            value = np.array([(date - dates[0]).total_seconds() for date in dates])
     if isinstance(value, np.ndarray) and value.dtype.kind in "mM":
         for row in np.flatnonzero(np.isnat(value))[:1]:
             raise InputError(f"{key}[{row}] is missing", f"{key}[{row}]")

@@ -72,7 +72,10 @@ def _placed(points: Points, reading: Reading, notes: list[str]) -> FloatArray:
             raise InputError("size needs a command that goes somewhere: all positions are the same", "size")
         scale = reading.size / reach
     if scale is not None and scale != 1.0:
-        position = position * scale
+        with np.errstate(over="ignore"):
+            position = position * scale
+        if not np.isfinite(position).all():
+            raise InputError(f"scaled by {scale:g}, a coordinate is no finite number", "scale")
         notes.append(f"scaled by {scale:.6g}")
     if reading.scale is None and reading.size is None:
         ask_unit(position, points.drawing and points.unit is None)

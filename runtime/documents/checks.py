@@ -128,7 +128,8 @@ def table(value: object, key: str) -> FloatArray:
         _check_dtype(value, key)
         if value.ndim != 2 or value.shape[1] != 2:
             raise InputError(f"{key} must have the shape (K, 2), got {value.shape}", key)
-        result = value.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # NaN of any kind is named below
+            result = value.astype(np.float64)
     elif isinstance(value, (list, tuple)):
         items: list[float] = []
         for index, row in enumerate(value):

@@ -122,4 +122,4 @@ def parse_npz(data: bytes) -> dict[str, NDArray[Any]]:
     except InputError:
         raise
     except Exception as error:  # a broken archive makes zipfile, zlib and numpy raise nearly anything
-        raise InputError(f"not a readable npz file: {error}") from error
+        raise InputError(f"not a readable npz file: {str(error)[:100]}") from error

@@ -19,6 +19,7 @@ RECORDED = Command.from_waypoints(T, POSITION)
 PAIRS = POSITION.tolist()
 ROWS = list(zip(T.tolist(), *POSITION.T.tolist(), strict=True))
 DATES = [f"2026-01-01T10:00:{t:06.3f}Z" for t in T]
+LOCAL = [f"2026-01-01T10:00:{t:06.3f}+01:00" for t in T]
 
 READ: dict[str, Any] = {
     "other keys": {"time": T.tolist(), "pos": PAIRS},
@@ -26,6 +27,7 @@ READ: dict[str, Any] = {
     "points with their times": {"t": T.tolist(), "points": PAIRS},
     "points among other things": {"name": "loop", "points": [dict(zip("txy", row, strict=True)) for row in ROWS]},
     "dates": {"time": DATES, "x": POSITION[:, 0].tolist(), "y": POSITION[:, 1].tolist()},
+    "dates of a time zone": {"time": LOCAL, "x": POSITION[:, 0].tolist(), "y": POSITION[:, 1].tolist()},
     "positions in records": [{"t": t, "position": [x, y]} for t, x, y in ROWS],
     "poses in records": [{"t": t, "pose": {"position": {"x": x, "y": y, "z": 0}}} for t, x, y in ROWS],
     "an event in one record": [{"t": t, "x": x, "y": y, **({"event": 1} if t == 0.3 else {})} for t, x, y in ROWS],
@@ -104,4 +106,19 @@ def test_what_is_no_command_is_named(tmp_path: Path, content: bytes, message: st
     (tmp_path / "a").write_bytes(content)
     with pytest.raises(FormatError, match=message) as caught:
         Command.load(tmp_path / "a")
+    assert len(str(caught.value)) < 200 + len(str(tmp_path))
+
+
+def test_a_scale_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", [[0.0, 0.0], [1e300, 0.0]])
+    with pytest.raises(FormatError, match="a coordinate is no finite number"):
+        Command.load(tmp_path / "a.npy", Reading(scale=1e12))
+
+
+def test_a_broken_archive_is_said_in_one_short_line(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", t=T, position=POSITION)
+    data = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(data[:30] + b"\0" + data[30:])
+    with pytest.raises(FormatError, match="not a readable npz file") as caught:
+        Command.load(tmp_path / "a.npz")
     assert len(str(caught.value)) < 200 + len(str(tmp_path))
