@@ -23,7 +23,7 @@ from runtime.network.units import (
     SEEN_ROWS,
     Situation,
 )
-from train.network.model import SQUARE_FLOOR, DecoderState, lstm_cell
+from train.network.model import SQUARE_FLOOR, DecoderState, last_states, lstm_cell
 
 STATE_GAINS = (10.0, 10.0, 10.0, 2.0, 2.0, 2.0, 20.0, 20.0, 2.0, 2.0)
 """What each column of the states is multiplied by on its way in."""
@@ -88,18 +88,7 @@ class GeneralNetwork(nn.Module):
 
     def encode(self, command: Tensor, told: Told) -> DecoderState:
         """Read a command, (B, K, 4) from its first position on, K a multiple of ENCODER_CHUNK."""
-        x = encoder_input(command, told)
-        hidden, cell = [], []
-        for w_ih, w_hh, b_ih, b_hh in self.encoder_lstm.all_weights:
-            h = c = x.new_zeros(x.shape[0], self.units)
-            outputs = []
-            for gates in F.linear(x, w_ih, b_ih).unbind(1):
-                h, c = lstm_cell(gates, h, c, w_hh, b_hh)
-                outputs.append(h)
-            x = torch.stack(outputs, dim=1)
-            hidden.append(h)
-            cell.append(c)
-        return DecoderState(torch.stack(hidden), torch.stack(cell))
+        return last_states(self.encoder_lstm, encoder_input(command, told))
 
     def step(self, observation: Tensor, told: Told, state: DecoderState) -> tuple[Tensor, DecoderState]:
         """Plan one chunk.

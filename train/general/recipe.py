@@ -16,14 +16,13 @@ from torch import nn
 
 from runtime.errors import InputError
 from runtime.network.units import CHUNK, SEEN_ROWS, Situation, Units
-from train.batches.batches import make_batch
 from train.commands.families import free_commands
 from train.config import read_config
 from train.general.closed_loop import Decoding, decode
 from train.general.config import GROUPS, GeneralConfig
 from train.general.losses import farthest, loss, tracking_errors
-from train.general.network import GeneralNetwork, Told
-from train.general.situations import Step, Trajectories, draw_step, draw_trajectories, join
+from train.general.network import GeneralNetwork
+from train.general.situations import Step, Trajectories, draw_step, draw_trajectories, join, trajectories_of
 from train.learn.recipe import Outcome, learning_rate
 from train.network.checkpoint import weights_to_use
 
@@ -140,20 +139,5 @@ def validation_trajectories(
     ones = np.ones(count)
     units = Units.of(0.2 * ones, acceleration * ones, jerk * ones)
     situation = Situation.of(units, jerk * ones, np.inf * ones, height * ones, static * ones, kinetic * ones, ones)
-    batch = make_batch(commands.position, commands.samples, None, situation.static, situation.kinetic)
-    none = torch.zeros(count, 10, dtype=torch.float64)
-    return Trajectories(
-        batch.command,
-        batch.object_position,
-        batch.mask,
-        Told.of(situation),
-        batch.static,
-        batch.kinetic,
-        torch.from_numpy(situation.gravity),
-        torch.from_numpy(situation.jerk),
-        torch.from_numpy(situation.speed),
-        torch.from_numpy(situation.height),
-        start=none,
-        push=none,
-        noise=torch.zeros(questions, count, len(SEEN_ROWS), 10, dtype=torch.float64),
-    )
+    none = np.zeros((count, 10))
+    return trajectories_of(commands, situation, none, none, np.zeros((questions, count, len(SEEN_ROWS), 10)))

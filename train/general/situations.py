@@ -123,6 +123,13 @@ def draw_trajectories(config: GeneralConfig, progress: float, step: Step, group:
     shape = (len(step.executed), int(noisy.sum()), len(SEEN_ROWS), 10)
     noise[:, noisy] = rng.standard_normal(shape) * np.repeat([*config.noise, *config.noise], [3, 3, 2, 2])
 
+    return trajectories_of(commands, situation, start, push, noise)
+
+
+def trajectories_of(
+    commands: Commands, situation: Situation, start: FloatArray, push: FloatArray, noise: FloatArray
+) -> Trajectories:
+    """Return commands to be followed, each in its situation; `start`, `push` and `noise` as in `Trajectories`."""
     batch = make_batch(commands.position, commands.samples, None, situation.static, situation.kinetic)
     of_pans = (situation.gravity, situation.jerk, situation.speed, situation.height, start, push, noise)
     return Trajectories(

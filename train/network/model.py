@@ -95,19 +95,7 @@ class Seq2Seq(nn.Module):
 
     def encode(self, command: Tensor) -> DecoderState:
         """Read a whole command, (B, chunks, 4C); the decoder starts from the state it leaves."""
-        x = command.float() * self.command_scale
-        hidden, cell = [], []
-        for w_ih, w_hh, b_ih, b_hh in self.encoder_lstm.all_weights:
-            gates = F.linear(x, w_ih, b_ih)
-            h = c = x.new_zeros(x.shape[0], self.units)
-            outputs = []
-            for input_gates in gates.unbind(1):
-                h, c = lstm_cell(input_gates, h, c, w_hh, b_hh)
-                outputs.append(h)
-            x = torch.stack(outputs, dim=1)
-            hidden.append(h)
-            cell.append(c)
-        return DecoderState(torch.stack(hidden), torch.stack(cell))
+        return last_states(self.encoder_lstm, command.float() * self.command_scale)
 
     def decoder(self, command: Tensor) -> ChunkDecoder:
         """Prepare the decoding of `command`, (B, chunks, 4C), for `ChunkDecoder.step`."""
@@ -163,6 +151,22 @@ class ChunkDecoder:
             hidden.append(x)
             cell.append(c)
         return model.read_out(x), DecoderState(torch.stack(hidden), torch.stack(cell))
+
+
+def last_states(lstm: nn.LSTM, x: Tensor) -> DecoderState:
+    """Return the states, (layers, B, units), in which an LSTM is after reading x, (B, N, width)."""
+    hidden, cell = [], []
+    for w_ih, w_hh, b_ih, b_hh in lstm.all_weights:
+        gates = F.linear(x, w_ih, b_ih)
+        h = c = x.new_zeros(x.shape[0], lstm.hidden_size)
+        outputs = []
+        for input_gates in gates.unbind(1):
+            h, c = lstm_cell(input_gates, h, c, w_hh, b_hh)
+            outputs.append(h)
+        x = torch.stack(outputs, dim=1)
+        hidden.append(h)
+        cell.append(c)
+    return DecoderState(torch.stack(hidden), torch.stack(cell))
 
 
 def lstm_cell(input_gates: Tensor, hidden: Tensor, cell: Tensor, w_hh: Tensor, b_hh: Tensor) -> tuple[Tensor, Tensor]:
