@@ -36,6 +36,27 @@ def _end(signal_number: int, frame: FrameType | None) -> None:
     os._exit(INTERRUPTED)
 
 
+class _Raise:
+    """Raises KeyboardInterrupt at Ctrl-C, and knows that it did."""
+
+    def __init__(self) -> None:
+        self.did = False
+
+    def __call__(self, signal_number: int, frame: FrameType | None) -> None:
+        self.did = True
+        raise KeyboardInterrupt
+
+
+def interrupted() -> bool:
+    """Return whether Ctrl-C was pressed inside of the `raising` that is open.
+
+    A loop that goes on for hours asks: where Python was called by C code, as while numba compiles, KeyboardInterrupt is
+    dropped.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    return isinstance(handler, _Raise) and handler.did
+
+
 @contextmanager
 def raising() -> Iterator[None]:
     """Let Ctrl-C raise KeyboardInterrupt inside, where there may be something to put in order.
@@ -46,22 +67,23 @@ def raising() -> Iterator[None]:
     if signal.getsignal(signal.SIGINT) is not _end:
         yield
         return
-    interrupted = False
+    interrupt, show = _Raise(), sys.unraisablehook
 
-    def interrupt(signal_number: int, frame: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
-        raise KeyboardInterrupt
+    def show_others(unraisable: sys.UnraisableHookArgs) -> None:
+        if unraisable.exc_type is not KeyboardInterrupt:  # which `interrupted` tells of
+            show(unraisable)
 
     signal.signal(signal.SIGINT, interrupt)
+    sys.unraisablehook = show_others
     try:
         yield
     except Exception:
-        if interrupted:
+        if interrupt.did:
             raise KeyboardInterrupt from None
         raise
     finally:
         signal.signal(signal.SIGINT, _end)
+        sys.unraisablehook = show
 
 
 # A shell lets what it starts in the background ignore SIGINT: that stays so.

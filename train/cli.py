@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +13,7 @@ import typer
 
 from runtime.cli.console import MM, AsJson, print_json, run, say
 from runtime.errors import InputError, OutputError, extra
+from runtime.interrupt import interrupted
 from runtime.network.bundle import bundle_path
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
 
     try:
         with _progress(trainer, quiet=as_json or rank() > 0) as report:
-            trainer.train(report)
+            trainer.train(_until_interrupted(report))
     except KeyboardInterrupt:
         then = f"continue with --resume {folder}" if trainer.epoch else "there is no checkpoint yet"
         if rank() == 0:
@@ -150,6 +151,17 @@ def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
         general = trainer.config.network == "general"
         what = f"measure it with  python -m benchmarks.limits {folder}"
         print(f"{summary['checkpoint']}: {what if general else f'export it with  slide-export {folder} -o BUNDLE'}")
+
+
+def _until_interrupted(report: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Return what shows a step, and ends the training if Ctrl-C was dropped during it."""
+
+    def checked(step: Any) -> None:
+        if interrupted():
+            raise KeyboardInterrupt
+        report(step)
+
+    return checked
 
 
 def _run_name(config: AnyConfig) -> str:

@@ -104,3 +104,22 @@ def test_what_ignores_ctrl_c_goes_on_ignoring_it(bundle_path: Path) -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "tiny" in done.stdout
+
+
+DROPPED = """
+import ctypes, os, signal, sys
+sys.argv = ["slide-train"]
+from runtime.interrupt import interrupted, raising
+
+print(interrupted())
+with raising():
+    print(interrupted())
+    ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))()  # C code that calls Python
+    print(interrupted())
+print(interrupted())
+"""
+
+
+def test_a_loop_can_ask_whether_ctrl_c_was_dropped_on_its_way() -> None:
+    done = subprocess.run([sys.executable, "-c", DROPPED], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split(), done.stderr) == (0, ["False", "False", "True", "False"], "")
