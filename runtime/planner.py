@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.assess.assess import assess
-from runtime.assess.sureness import friction_range
+from runtime.assess.sureness import friction_off_errors, friction_range
 from runtime.assess.training_range import asked_for, beyond
 from runtime.command import Command
 from runtime.documents.checks import number
@@ -166,9 +166,13 @@ class Planner:
             groups[chunk_count(job.command, self.bundle.manifest)].append(index)
         plans: dict[int, Plan] = {}
         for indices in groups.values():
-            motions, pans = decode(self.bundle, [jobs[index] for index in indices])
+            group = [jobs[index] for index in indices]
+            motions, pans = decode(self.bundle, group)
+            errors = friction_off_errors(
+                motions, [job.command.position for job in group], [job.friction for job in group]
+            )
             for row, index in enumerate(indices):
-                plans[index] = self._plan(jobs[index], motions.one(row), pans[row], held)
+                plans[index] = self._plan(jobs[index], motions.one(row), pans[row], held, errors[row])
         return [plans[index] for index in range(len(jobs))]
 
     def stream(
@@ -222,7 +226,9 @@ class Planner:
             effort,
         )
 
-    def _plan(self, job: Job, motion: Motion, ahead: Pan, tolerance: float | None) -> Plan:
+    def _plan(
+        self, job: Job, motion: Motion, ahead: Pan, tolerance: float | None, friction_off_rmse: float | None = None
+    ) -> Plan:
         """Cut a motion back to the command's K samples, bring it to rest, and judge it.
 
         Args:
@@ -230,6 +236,7 @@ class Planner:
             motion: K samples, or more.
             ahead: the pan at its end.
             tolerance: as for `plan`.
+            friction_off_rmse: as for `assess`.
         """
         manifest, command, samples = self.bundle.manifest, job.command.position, len(job.command)
         stop = stop_after(motion, samples, ahead, command[-1], job.friction)
@@ -247,6 +254,7 @@ class Planner:
             else friction_range(motion, command, job.friction, tolerance, manifest.trained_on),
             beyond(asked_for(job.command, job.friction, job.start), manifest.trained_on),
             remarks=(*job.command.remarks, *job.command.notes),
+            friction_off_rmse=friction_off_rmse,
         )
         return Plan.of(motion, stop, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)
 

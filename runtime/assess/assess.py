@@ -53,6 +53,7 @@ def assess(
     tolerance: FrictionRange | None = None,
     beyond: Sequence[str] = (),
     remarks: Sequence[str] = (),
+    friction_off_rmse: float | None = None,
 ) -> Quality:
     """Judge a plan.
 
@@ -67,7 +68,10 @@ def assess(
         tolerance: under which friction the plan holds a tolerance, and which; None if there is no tolerance.
         beyond: a line for each thing that is outside the range trained on.
         remarks: further notes, which lead to no status.
+        friction_off_rmse: what `friction_off_error` gives, if it is known already.
     """
+    if friction_off_rmse is None:
+        friction_off_rmse = friction_off_error(motion, command_position, friction)
     u, asked, pan, sliding = motion
     pan, sliding = pan[:-1], sliding[:-1]
     rmse, farthest = tracking_error(sliding[:, :2], command_position)
@@ -105,7 +109,7 @@ def assess(
         worst={name: int(values.argmax()) for name, values in along.items()},
         governed=changes,
         friction=tolerance,
-        friction_off_rmse=friction_off_error(motion, command_position, friction),
+        friction_off_rmse=friction_off_rmse,
         rest_error=rest,
         command_off_pan=off_pan["command"],
         object_off_pan=off_pan["object"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from runtime import Friction, Plan
+from runtime import Friction, Plan, Planner
 from runtime.assess.sureness import FRICTION_STEP, friction_off_error, friction_range
 from runtime.physics.motion import Motion
 from runtime.quality import FrictionRange
@@ -56,3 +56,13 @@ def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> N
     assert found.kinetic_high > 0.68 or not holds(plan.friction.static, found.kinetic_high + FRICTION_STEP)
     nowhere = friction_range(motion, u, plan.friction, tolerance, trained_on)
     assert nowhere == FrictionRange(tolerance, None, None, None, None)
+
+
+def test_batch_is_as_sure_as_each_of_its_plans_to_the_last_bit(planner: Planner) -> None:
+    t = np.linspace(0.0, 6.0, 800)
+    positions = [0.03 * np.stack([1.0 - np.cos(t[: 780 - n]), np.sin(t[: 780 - n])], axis=1) for n in range(20)]
+    plans = planner.plan_batch(positions, [Friction(0.6 + 0.02 * n, 0.4) for n in range(20)])
+    for plan in plans:
+        states = np.concatenate([plan.replay(), np.zeros((1, 4))])
+        motion = Motion(plan.pan_acceleration, plan.pan_acceleration, states, states)
+        assert plan.quality.friction_off_rmse == friction_off_error(motion, plan.command_position, plan.friction)

@@ -7,7 +7,7 @@ import pytest
 
 from runtime import Friction
 from runtime.physics.law import GRAVITY, compile_law, slide_one
-from runtime.physics.positions import slide_positions
+from runtime.physics.positions import slide_positions, slide_positions_batch
 
 FRICTIONS = [Friction(1.0, 0.5), Friction(0.4, 0.4), Friction(0.2, 0.0), Friction(0.0, 0.0), Friction(10.0, 1.0)]
 
@@ -47,3 +47,19 @@ def test_compiled_law_gives_the_same_positions() -> None:
 def test_no_sample_is_the_start() -> None:
     found = slide_positions(np.array([0.1, 0.2, 1.0, 0.0]), np.zeros((0, 2)), FRICTIONS)
     np.testing.assert_array_equal(found, np.tile([0.1, 0.2], (5, 1, 1)))
+
+
+@pytest.mark.parametrize("columns", [2, 3])
+@pytest.mark.parametrize("objects", [1, 16, 37])
+def test_many_at_once_are_each_by_itself_to_the_last_bit(columns: int, objects: int) -> None:
+    rng = np.random.default_rng(objects)
+    u = np.cumsum(rng.normal(0.0, 1.5, (objects, 130, columns)), axis=1) * 0.4
+    u[:, 40:60] = 0.0
+    if columns == 3:
+        u[..., 2] = np.clip(u[..., 2], -0.9 * GRAVITY, 20.0)
+    states = rng.normal(0.0, 0.1, (objects, 4))
+    states[::2, 2:] = 0.0
+    frictions = [Friction(static, share * static).corners(0.1) for static, share in rng.uniform(0.1, 1.0, (objects, 2))]
+    together = slide_positions_batch(states, u, frictions)
+    apart = [slide_positions(*one) for one in zip(states, u, frictions, strict=True)]
+    np.testing.assert_array_equal(together, np.stack(apart))
