@@ -21,14 +21,20 @@ from pydantic.fields import FieldInfo
 from runtime.cli.console import BAD_INPUT
 from runtime.errors import InputError
 from runtime.interrupt import INTERRUPTED
+from server import logs
 from server.app import create_app
+from server.http.connections import give_up, keep_deadlines, most_connections
 from server.http.protocol import GuardedProtocol
+from server.http.websocket import GuardedWebSocket
 from server.settings import SECRETS, Settings, variable
 
 log = logging.getLogger("slide-serve")
 
 BACKLOG = 1024
 """Connections that the system lets wait until they are accepted."""
+
+FAREWELL = 0.4
+"""How long connections have to close when the server ends (s)."""
 
 KEEP_ALIVE = 75
 """How long a connection may be idle (s): longer than the 60 s of common proxies, so that it is they who close it and
@@ -45,7 +51,7 @@ def slide_serve(**given: Any) -> None:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
         raise InputError(_first_of(error)) from None
-    logging.basicConfig(format="slide-serve: %(message)s", level=logging.INFO)
+    logs.set_up(settings.log)
     listening = _listen(settings.host, settings.port)
     app = create_app(settings)
     server = Server(app, settings)
@@ -83,10 +89,11 @@ class Server(uvicorn.Server):
     """
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
+        most = most_connections(settings.max_connections)
         config = uvicorn.Config(
             app,
-            http=cast(type[asyncio.Protocol], partial(GuardedProtocol, settings=settings)),
-            ws="websockets-sansio",
+            http=cast(type[asyncio.Protocol], partial(GuardedProtocol, settings=settings, most=most)),
+            ws=cast(type[asyncio.Protocol], partial(GuardedWebSocket, settings=settings)),
             ws_max_size=settings.max_body,
             ws_per_message_deflate=False,
             access_log=False,
@@ -100,7 +107,31 @@ class Server(uvicorn.Server):
         self._service = app.state.service
         self._service.on_failure = self._give_up
         self._draining: asyncio.Task[None] | None = None
+        self._seldom = logs.Seldom()
         self.interrupted = False
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen; where the system has no descriptor left for a connection, a line says so now and then."""
+        asyncio.get_running_loop().set_exception_handler(self._loop_failed)
+        await super().startup(sockets)
+
+    def _loop_failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        if isinstance(error, OSError):
+            self._seldom.error(log, f"error: {context.get('message', '')}: {error.strerror}")
+        else:
+            loop.default_exception_handler(context)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Close the connections whose time is over; called ten times a second."""
+        keep_deadlines(cast(set[Any], self.server_state.connections), asyncio.get_running_loop().time())
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Say goodbye to all connections, and give up those that are still there a moment later."""
+        connections = cast(set[Any], self.server_state.connections)
+        asyncio.get_running_loop().call_later(FAREWELL, give_up, connections)
+        await super().shutdown(sockets)
 
     def _give_up(self) -> None:
         self.should_exit = True

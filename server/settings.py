@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -35,6 +35,8 @@ class Settings(BaseSettings):
         None, pattern="^[0-9a-f]{64}$", description="sha256 that the bundle's manifest must have."
     )
 
+    log: Literal["text", "json"] = Field("text", description="Form of the log's lines.")
+
     max_body: int = Field(1 << 20, ge=1 << 10, le=1 << 28, description="Largest request body (bytes).")
     max_samples: int = Field(20_000, ge=2, le=600_001, description="Longest command (samples at 1 kHz).")
     max_commands: int = Field(64, ge=1, le=1024, description="Most commands in one request of /plans.")
@@ -51,8 +53,9 @@ class Settings(BaseSettings):
     header_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a header (s).")
     body_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a body (s).")
     write_timeout: float = Field(60.0, gt=0.0, le=600.0, description="Longest time to make room for an answer (s).")
-    drain_timeout: float = Field(8.0, gt=0.0, le=600.0, description="Longest time to finish when stopped (s).")
+    drain_timeout: float = Field(7.0, gt=0.0, le=600.0, description="Longest time to finish when stopped (s).")
 
+    max_connections: int = Field(1000, ge=1, le=100_000, description="Most connections open at once.")
     max_streams: int = Field(32, ge=1, le=1024, description="Most streams open at once.")
     stream_rate: float = Field(200.0, gt=0.0, le=10_000.0, description="Most chunks a second of one stream.")
     stream_idle: float = Field(10.0, gt=0.0, le=3600.0, description="Longest silence of a stream (s).")

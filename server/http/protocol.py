@@ -1,4 +1,4 @@
-"""One HTTP connection, with the bounds that uvicorn leaves open: a header has a size and a time to arrive in."""
+"""One HTTP connection, with the bounds that uvicorn leaves open: bytes are counted, and each state has its time."""
 
 from __future__ import annotations
 
@@ -9,18 +9,24 @@ from typing import Any
 import orjson
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from server.http.connections import LINGER, Deadlines, make_room
 from server.problems import MEDIA_TYPE, Problem
 from server.settings import Settings
 
 MAX_HEADER = 1 << 15
-"""Largest request line and header together (bytes)."""
+"""Largest request line and header together, and largest trailer (bytes)."""
 
-LINGER = 2.0
-"""How long what is left of a body is read and thrown away after the answer (s): a client that is still sending would
-not see the answer if the connection were closed before it."""
+MAX_HEADERS, MAX_HEADER_LINE = 100, 8000
+"""Most headers of a request that opens a websocket, and the longest (bytes): its parser takes no more."""
 
-MAX_CONNECTIONS = 1000
-"""Most connections; more than a process may commonly open files is no use."""
+FRAMING = 8
+"""Bytes on the wire for each byte of a body sent in chunks, at most: chunks of a byte take six."""
+
+PIECE = 1 << 13
+"""Bytes given to the parser at a time, so that what they open can be counted between."""
+
+MAX_PIPELINE = 16
+"""Most requests that may wait behind the one that is being answered."""
 
 HEADER_TOO_LARGE = Problem("header-too-large", f"at most {MAX_HEADER} bytes are read")
 
@@ -31,77 +37,112 @@ class GuardedProtocol(HttpToolsProtocol):
     Args:
         settings: how long a header may take to arrive, from the first byte or from the connection, and a client to make
             room for more of an answer: while it waits to be sent, it holds a place.
+        most: connections that may be open at once.
         given: what uvicorn gives to each connection.
     """
 
-    _timer: asyncio.TimerHandle | None = None
-    _writing: asyncio.TimerHandle | None = None
-    _head = 0
+    _received = 0
     _in_head = True
     _in_body = False
+    _deaf = False
 
-    def __init__(self, *, settings: Settings, **given: Any) -> None:
+    def __init__(self, *, settings: Settings, most: int, **given: Any) -> None:
         super().__init__(**given)
-        self._settings = settings
+        self.deadlines = Deadlines()
+        self._settings, self._most = settings, most
+
+    @property
+    def waits(self) -> bool:
+        """Whether no request is being answered."""
+        return self.cycle is None or bool(self.cycle.response_complete)
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Refuse a connection too many, and give the first header its time."""
+        """Make room for a connection too many, and give the first header its time."""
+        full = len(self.connections) >= self._most
+        room = not full or make_room(self.connections)  # type: ignore[arg-type]
         super().connection_made(transport)
-        if len(self.connections) > MAX_CONNECTIONS:
-            self._answer(Problem("overloaded", headers={"Retry-After": "1"}))
-        else:
+        if room:
             self._close_after(self._settings.header_timeout)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the timers."""
-        self._no_timer()
-        self.resume_writing()
-        super().connection_lost(exc)
+        else:
+            self._answer(Problem("overloaded", "too many connections are open", headers={"Retry-After": "1"}))
 
     def pause_writing(self) -> None:
         """Give the client its time to read."""
         super().pause_writing()
-        self._writing = self.loop.call_later(self._settings.write_timeout, self.transport.abort)
+        self.deadlines.write_until = self.loop.time() + self._settings.write_timeout
 
     def resume_writing(self) -> None:
         """The client has read."""
         super().resume_writing()
-        if self._writing is not None:
-            self._writing.cancel()
-            self._writing = None
+        self.deadlines.write_until = None
 
     def data_received(self, data: bytes) -> None:
-        """Count a header's bytes while it arrives: the parser would take any number of them."""
-        super().data_received(data)
-        if self._in_head and not self.transport.is_closing():
-            self._head += len(data)
-            if self._head > MAX_HEADER:
+        """Count the bytes of each part of a request: the parser would take any number of them."""
+        for begin in range(0, len(data), PIECE):
+            if self.transport.is_closing() or self._deaf:
+                return
+            piece = data[begin : begin + PIECE]
+            self._received += len(piece)
+            super().data_received(piece)
+            if self._in_head and self._received > MAX_HEADER:
                 self._answer(HEADER_TOO_LARGE)
+            elif self._in_body and self._received > FRAMING * self._settings.max_body + MAX_HEADER:
+                self._answer(Problem("too-large", "the body's chunks and trailers are too many bytes"))
+            elif len(self.pipeline) > MAX_PIPELINE:
+                self.transport.abort()
 
     def on_message_begin(self) -> None:
         """Give a header its time."""
         super().on_message_begin()
-        self._in_head, self._head = True, 0
+        self._in_head, self._received = True, 0
         self._close_after(self._settings.header_timeout)
 
     def on_headers_complete(self) -> None:
-        """The header is there; `server.http.body` keeps the time of what follows."""
-        self._no_timer()
-        self._in_head, self._in_body = False, True
+        """The header is there; `server.http.body` keeps the time of what follows, the websocket that of its own."""
+        self._in_head, self._in_body, self._received = False, True, 0
         if len(self.url) + sum(len(name) + len(value) for name, value in self.headers) > MAX_HEADER:
             self._answer(HEADER_TOO_LARGE)
+            return
+        if self.parser.should_upgrade() and self._should_upgrade():
+            unfit = self._unfit_for_upgrade()
+            if unfit:
+                self._answer(Problem("malformed", f"a request that opens a websocket {unfit}"))
+                return
         else:
-            super().on_headers_complete()
+            self.deadlines.until = None
+        super().on_headers_complete()
+
+    def _unfit_for_upgrade(self) -> str:
+        """Return what of this request the websocket's own parser would not take, or nothing."""
+        if self.parser.get_method() != b"GET" or self.parser.get_http_version() != "1.1":
+            return "is a GET of HTTP/1.1"
+        names = dict(self.headers)
+        if names.get(b"content-length", b"0") != b"0" or b"transfer-encoding" in names:
+            return "has no body"
+        if len(self.headers) > MAX_HEADERS:
+            return f"has at most {MAX_HEADERS} headers"
+        longest = max(len(self.url), *(len(name) + len(value) for name, value in self.headers))
+        return f"has headers of at most {MAX_HEADER_LINE} bytes" if longest > MAX_HEADER_LINE else ""
+
+    def handle_websocket_upgrade(self) -> None:
+        """Hand the connection over, unless it was refused."""
+        if not self.transport.is_closing():
+            super().handle_websocket_upgrade()
+
+    def _unsupported_upgrade_warning(self) -> None:
+        """Answer a request for another protocol as one of HTTP, and as the last: the parser reads no more."""
+        self._deaf = True
+        self.cycle.keep_alive = False
 
     def on_message_complete(self) -> None:
         """The body is there: nothing is left to be thrown away."""
-        self._no_timer()
         self._in_body = False
         super().on_message_complete()
 
     def on_response_complete(self) -> None:
-        """Read the rest of a body that was answered before its end, for a while."""
+        """Wait for the next request; read the rest of a body that was answered before its end, for a while."""
         super().on_response_complete()
+        self.deadlines.begun = self.loop.time()
         if self._in_body and not self.pipeline:
             self._close_after(LINGER)
 
@@ -121,10 +162,5 @@ class GuardedProtocol(HttpToolsProtocol):
         self.transport.close()
 
     def _close_after(self, seconds: float) -> None:
-        self._no_timer()
-        self._timer = self.loop.call_later(seconds, self.timeout_keep_alive_handler)
-
-    def _no_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        self.deadlines.begun = self.loop.time()
+        self.deadlines.until = self.deadlines.begun + seconds

@@ -12,6 +12,7 @@ closed.
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from typing import Annotated, Literal, NamedTuple
 from urllib.parse import urlsplit
@@ -37,11 +38,14 @@ from server.http.schemas import (
     to_job,
     to_start,
 )
+from server.http.websocket import POLICY_VIOLATION
 from server.problems import Problem, for_input
 from server.service import Service
 
-POLICY_VIOLATION = 1008
-"""Close code after a problem (RFC 6455, section 7.4.1)."""
+log = logging.getLogger("slide-serve")
+
+INTERNAL_ERROR = 1011
+"""Close code after a failure (RFC 6455, section 7.4.1)."""
 
 BURST = 20.0
 """Steps that may come at once, beyond the rate."""
@@ -144,6 +148,9 @@ async def stream(socket: WebSocket) -> None:
             await socket.close(POLICY_VIOLATION, problem.name)
         except WebSocketDisconnect:
             pass
+        except Exception:
+            log.exception("a stream failed")
+            await socket.close(INTERNAL_ERROR)
 
 
 def _check_handshake(socket: WebSocket, service: Service) -> None:
