@@ -47,6 +47,7 @@ ROOMS = [
     "planner",
     "report",
     "client",
+    "arms",
     "arm",
     "cli",
 ]

@@ -14,6 +14,7 @@ RUNTIME_THIRD_PARTY = {"numpy", "onnxruntime"}
 MORE_IN = {
     "runtime/cli": {"typer", "rich"},
     "runtime/arm": {"pybullet", "imageio_ffmpeg"},
+    "runtime/arms": {"mujoco"},
     "runtime/commands/parquet.py": {"pyarrow"},
     "runtime/outputs/parquet_file.py": {"pyarrow"},
     "runtime/outputs/frame.py": {"pandas"},

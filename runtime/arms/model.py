@@ -1,0 +1,143 @@
+"""An arm in mujoco: the model that kinematics, dynamics and simulation share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from runtime.arms.description import ArmDescription
+from runtime.documents.checks import FloatArray
+from runtime.errors import InputError, extra
+from runtime.physics.law import DT, GRAVITY
+
+PAN_BODY = "pan"
+PAN_SITE = "pan_centre"
+SHORTEST_SHAPE = 1e-3
+"""Length below which a link is drawn without a capsule (m)."""
+
+
+def arm_spec(arm: ArmDescription) -> Any:
+    """Return the arm as a `mujoco.MjSpec`, to which a pan, an object and a floor can be added.
+
+    The bodies are the links, named as their joints; the links are drawn as capsules, which touch nothing. The body
+    PAN_BODY is fixed to the last link, with the mass of the mounted pan and the site PAN_SITE in its centre, z up from
+    the pan. Motors of the joints' names drive them, within the torque limits that are known.
+
+    Raises:
+        MissingExtraError: mujoco is not installed.
+    """
+    with extra("mujoco"):
+        import mujoco
+    spec = mujoco.MjSpec()
+    spec.modelname = arm.name
+    spec.compiler.degree = False
+    spec.compiler.balanceinertia = True  # inertias of robots' files are often not quite those of a body
+    spec.option.timestep = DT
+    spec.option.gravity = [0.0, 0.0, -GRAVITY]
+    body = spec.worldbody
+    for index, joint in enumerate(arm.joints):
+        body = body.add_body(name=joint.name, pos=joint.frame.position, quat=joint.frame.quaternion)
+        body.explicitinertial = True
+        body.mass = joint.body.mass
+        body.ipos = joint.body.centre
+        body.fullinertia = joint.body.inertia
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.sliding else mujoco.mjtJoint.mjJNT_HINGE
+        body.add_joint(name=joint.name, type=kind, axis=joint.axis)
+        ahead = arm.joints[index + 1].frame.position if index + 1 < len(arm) else arm.tip.position
+        body.add_geom(
+            name=f"{joint.name} joint",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[1.15 * joint.radius, 0.0, 0.0],
+            contype=0,
+            conaffinity=0,
+            mass=0.0,
+        )
+        if float(np.linalg.norm(ahead)) > SHORTEST_SHAPE:
+            body.add_geom(
+                name=f"{joint.name} link",
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                fromto=[0.0, 0.0, 0.0, *ahead],
+                size=[joint.radius, 0.0, 0.0],
+                contype=0,
+                conaffinity=0,
+                mass=0.0,
+            )
+        motor = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        if joint.torque is not None:
+            motor.forcelimited = True
+            motor.forcerange = [-joint.torque, joint.torque]
+    tip = body.add_body(name="tip", pos=arm.tip.position, quat=arm.tip.quaternion)
+    pan = tip.add_body(name=PAN_BODY, pos=arm.mount.position, quat=arm.mount.quaternion)
+    if arm.pan.mass:
+        pan.explicitinertial = True
+        pan.mass = arm.pan.mass
+        pan.ipos = arm.pan.centre
+        pan.fullinertia = arm.pan.inertia
+    pan.add_site(name=PAN_SITE)
+    return spec
+
+
+class ArmModel:
+    """Kinematics and dynamics of an arm that holds a pan; joint angles in rad, in the order of its joints.
+
+    Not for several threads at once.
+
+    Args:
+        arm: its description.
+
+    Raises:
+        InputError: mujoco refuses it.
+        MissingExtraError: mujoco is not installed.
+    """
+
+    def __init__(self, arm: ArmDescription) -> None:
+        with extra("mujoco"):
+            import mujoco
+        self.arm = arm
+        self._mujoco = mujoco
+        try:
+            self.model = arm_spec(arm).compile()
+        except ValueError as error:
+            raise InputError(f"arm {arm.name}: {' '.join(str(error).split())}") from error
+        self.data = mujoco.MjData(self.model)
+        self._site = self.model.site(PAN_SITE).id
+        self._jacobian = np.zeros((6, self.model.nv))
+
+    def pan(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return where the pan is and how it moves with the joints.
+
+        Args:
+            q: (n,) joint angles.
+
+        Returns:
+            Position (3,) of the pan's centre (m), attitude (3, 3) of the pan, and Jacobian (6, n) to its velocity
+            (m/s) and angular velocity (rad/s) in the world; views that the next call overwrites.
+        """
+        mujoco, data = self._mujoco, self.data
+        data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_jacSite(self.model, data, self._jacobian[:3], self._jacobian[3:], self._site)
+        return data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3), self._jacobian
+
+    def torque(self, q: FloatArray, speed: FloatArray, acceleration: FloatArray) -> FloatArray:
+        """Return the torques (k, n) (N m) of a motion: joint angles, speeds and accelerations, each (k, n)."""
+        mujoco, data = self._mujoco, self.data
+        torque = np.empty_like(q)
+        for k in range(len(q)):
+            data.qpos[:], data.qvel[:], data.qacc[:] = q[k], speed[k], acceleration[k]
+            mujoco.mj_inverse(self.model, data)
+            torque[k] = data.qfrc_inverse
+        return torque
+
+    def inertia(self, q: FloatArray) -> FloatArray:
+        """Return the inertia matrix (n, n) (kg m^2) at joint angles q (n,)."""
+        mujoco, data = self._mujoco, self.data
+        data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_makeM(self.model, data)
+        matrix = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, data, matrix)
+        return matrix
