@@ -114,7 +114,7 @@ def figures(followed: Followed, position: FloatArray) -> Figures:
 def main(arguments: Sequence[str]) -> None:
     """Print the table for the run or checkpoint that is named, of the first COUNT commands of each family if given."""
     torch.set_num_threads(1)
-    network = load_network(load_checkpoint(Path(arguments[0])))
+    _, network = load_network(load_checkpoint(Path(arguments[0])))
     count = int(arguments[1]) if len(arguments) > 1 else None
     print(f"{'limits':22s} {'friction':9s} {'commands':8s} {'level':>40s} {'height 0.1 m':>40s}")
     for row in ROWS:

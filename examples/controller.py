@@ -93,7 +93,7 @@ def control(planner: Planner, rounds: int) -> Report:
 
 def control_once(planner: Planner, position: Array) -> Report:
     """Follow one command, push the object half-way, and report."""
-    chunk = planner.bundle.manifest.chunk
+    chunk = planner.bundle.manifest.one_pan.chunk
     chunks = len(position) // chunk
     commands: queue.Queue[Array | None] = queue.Queue()
     measured: queue.Queue[tuple[Array, Array]] = queue.Queue()

@@ -16,7 +16,6 @@ from runtime.network.manifest import MANIFEST_FILE
 
 if TYPE_CHECKING:  # they import torch, which takes seconds and may not be installed
     from export.quantize import Comparison
-    from export.verify import Agreement
 
 
 class Precision(StrEnum):
@@ -70,19 +69,10 @@ def slide_export(
         }
         print_json({"bundle": str(output), "precision": precision.value, **parts})
         return
-    rows = [] if exported is None else _agreement_rows(exported.agreement)
+    rows = [] if exported is None else exported.agreement.rows()
     rows += [] if quantized is None else _comparison_rows(quantized.comparison)
     manifest = made.manifest
     print_table(f"{output}: {manifest.name}, {manifest.units} units, {manifest.precision}", rows)
-
-
-def _agreement_rows(agreement: Agreement) -> list[tuple[str, str]]:
-    return [
-        ("commands replayed through torch and onnxruntime", str(agreement.commands)),
-        ("samples until a branch parted, or the end", f"{agreement.samples} ({agreement.parted} parted)"),
-        ("largest difference of pan acceleration", f"{agreement.acceleration:.2g} m/s^2"),
-        ("largest difference of position", f"{agreement.position:.2g} m"),
-    ]
 
 
 def _comparison_rows(comparison: Comparison) -> list[tuple[str, str]]:

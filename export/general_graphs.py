@@ -1,21 +1,16 @@
 """Builds the two ONNX graphs of a network for every pan; see `export.float_graphs` and `train.general.network`.
 
-What goes in is in the network's units, by rows, before any gain: the gains are in the graphs.
-
-    encoder        command      (B, chunks, 4 x rows + CONDITIONS)  rows x, y, vx, vy of ENCODER_ROWS, relative to the
-                                window's first position, then the conditions
-    decoder_step   observation  (B, OBSERVED)  rows of 10 of SEEN_ROWS, the object's position relative to the command's
-                                now; the last acceleration (3); rows of 4 of AHEAD_ROWS, the position relative to now's;
-                                the conditions; samples executed since the last question, over CHUNK
-                   bounds       (B, 2)  floor and lift of the situation
-    and out        pan_acceleration (B, CHUNK, 3)
+What goes in is in the network's units, before any gain (`runtime.network.units`: READ and OBSERVED); the gains are in
+the graphs. The decoder sees its last row of states twice, under two gains: here it is given once, and the weights are
+added.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from torch import nn
+import torch
+from torch import Tensor, nn
 
+from export.float_graphs import decoder_model, lstm_decoder, lstm_encoder
 from export.graph_builder import GraphBuilder
 from runtime.network.units import (
     ACCELERATION,
@@ -23,7 +18,10 @@ from runtime.network.units import (
     CHUNK,
     CONDITIONS,
     ENCODER_ROWS,
+    OBSERVED,
     SEEN_ROWS,
+    USUAL_GRAVITY,
+    WEIGHT_KEPT,
 )
 from train.general.network import (
     ACCELERATION_GAIN,
@@ -36,80 +34,55 @@ from train.general.network import (
     GeneralNetwork,
 )
 from train.network.model import SQUARE_FLOOR
-from train.network.onnx_weights import float32_array
 
-OBSERVED = 10 * len(SEEN_ROWS) + 3 + 4 * len(AHEAD_ROWS) + CONDITIONS + 1
-"""Width of `observation`: that of `train.general.network.OBSERVATION` less the last row's second appearance."""
+ENCODER_SCALE = torch.tensor([*ENCODER_GAINS * len(ENCODER_ROWS), *[1.0] * CONDITIONS])
+
+DECODER_SCALE = torch.tensor(
+    [
+        *STATE_GAINS * len(SEEN_ROWS),
+        *[ACCELERATION_GAIN] * 3,
+        *COMMAND_GAINS * len(AHEAD_ROWS),
+        *[1.0] * (CONDITIONS + 1),
+    ]
+)
 
 
 def general_encoder_graph(network: GeneralNetwork) -> bytes:
     """Return the serialized encoder: `command` to `hidden`, `cell`."""
-    graph = GraphBuilder()
-    gains = np.concatenate([np.tile(ENCODER_GAINS, len(ENCODER_ROWS)), np.ones(CONDITIONS)]).astype(np.float32)
-    x = graph.node("Mul", ["command", graph.constant("scale", gains)], "scaled")
-    x = graph.node("Transpose", [x], "time_major", perm=[1, 0, 2])
-    axis = graph.axes("direction_axis", 1)
-    for layer in range(network.layers):
-        graph.lstm(network.encoder_lstm, layer, [x], [f"y{layer}", f"h{layer}", f"c{layer}"])
-        if layer + 1 < network.layers:
-            x = graph.node("Squeeze", [f"y{layer}", axis], f"x{layer + 1}")
-    graph.node("Concat", [f"h{layer}" for layer in range(network.layers)], "hidden", axis=0)
-    graph.node("Concat", [f"c{layer}" for layer in range(network.layers)], "cell", axis=0)
-    state: list[str | int] = [network.layers, "batch", network.units]
-    width = 4 * len(ENCODER_ROWS) + CONDITIONS
-    return graph.model("encoder", {"command": ["batch", "chunks", width]}, {"hidden": state, "cell": state})
+    return lstm_encoder(network.encoder_lstm, ENCODER_SCALE)
 
 
 def general_decoder_step_graph(network: GeneralNetwork) -> bytes:
-    """Return the serialized decoder: `observation`, `bounds`, `hidden`, `cell` to accelerations and the next state."""
-    graph = GraphBuilder()
-    layers = range(network.layers)
-    gains = np.concatenate(
-        [
-            np.tile(STATE_GAINS, len(SEEN_ROWS)),
-            np.full(3, ACCELERATION_GAIN),
-            np.tile(COMMAND_GAINS, len(AHEAD_ROWS)),
-            np.ones(CONDITIONS + 1),
-        ]
-    ).astype(np.float32)
-    x = graph.node("Mul", ["observation", graph.constant("scale", gains)], "scaled")
+    """Return the serialized decoder iteration: `observation`, `hidden`, `cell` to accelerations and the next state."""
+    graph, lstm = GraphBuilder(), seen_once(network.decoder_lstm)
+    output = network.output.weight, network.output.bias
+    raw = lstm_decoder(graph, lstm, DECODER_SCALE, network.feedforward, output, OUTPUT_SCALE)
+    add_answer_in_space(graph, raw)
+    return decoder_model(graph, lstm, [CHUNK, 3])
+
+
+def seen_once(lstm: nn.LSTM) -> nn.LSTM:
+    """Return a decoder's LSTM that is given the last row of states once."""
+    once = nn.LSTM(OBSERVED, lstm.hidden_size, lstm.num_layers)
+    weights = lstm.state_dict()
     seen = 10 * len(SEEN_ROWS)
-    sizes = graph.axes("part_sizes", seen - 10, 10, OBSERVED - seen)
-    before, now, others = graph.split(x, ["before", "now", "others"], sizes, axis=1)
-    again = graph.node("Mul", [now, graph.constant("now_scale", np.array(NOW_GAINS, np.float32))], "now_again")
-    x = graph.node("Concat", [before, now, again, others], "seen", axis=1)
-    x = graph.node("Unsqueeze", [x, graph.axes("time_axis", 0)], "one_step")
-    for name in ("hidden", "cell"):
-        graph.split(name, [f"{name}{layer}" for layer in layers], axis=0, num_outputs=network.layers)
-    for layer in layers:
-        graph.lstm(
-            network.decoder_lstm,
-            layer,
-            [x, f"hidden{layer}", f"cell{layer}"],
-            ["", f"next_hidden{layer}", f"next_cell{layer}"],
-        )
-        x = f"next_hidden{layer}"
-    graph.node("Concat", [f"next_hidden{layer}" for layer in layers], "hidden_out", axis=0)
-    graph.node("Concat", [f"next_cell{layer}" for layer in layers], "cell_out", axis=0)
-
-    x = graph.node("Squeeze", [x, "time_axis"], "top")
-    x = graph.node("Tanh", [_linear(graph, "feedforward", x, network.feedforward)], "features")
-    x = _linear(graph, "output", x, network.output)
-    raw = graph.node("Mul", [x, graph.scalar("output_scale", OUTPUT_SCALE)], "raw")
-    add_bounds(graph, raw)
-
-    state: list[str | int] = [network.layers, "batch", network.units]
-    return graph.model(
-        "decoder_step",
-        {"observation": ["batch", OBSERVED], "bounds": ["batch", 2], "hidden": state, "cell": state},
-        {"pan_acceleration": ["batch", CHUNK, 3], "hidden_out": state, "cell_out": state},
-    )
+    first, now, again, others = torch.split(weights["weight_ih_l0"], [seen - 10, 10, 10, OBSERVED - seen], dim=1)
+    both: Tensor = now + again * torch.tensor(NOW_GAINS)
+    once.load_state_dict(weights | {"weight_ih_l0": torch.cat([first, both, others], dim=1)})
+    return once
 
 
-def add_bounds(graph: GraphBuilder, raw: str) -> None:
-    """Add `train.general.network.bounded`, with softplus(t) as relu(t) + log(1 + exp(-|t|)), which cannot overflow."""
+def add_answer_in_space(graph: GraphBuilder, raw: str) -> None:
+    """Add what makes accelerations (B, CHUNK, 3) within the limits of the output layer's (B, 3 CHUNK).
+
+    It is `train.general.network.bounded`, with softplus(t) as relu(t) + log(1 + exp(-|t|)), which cannot overflow.
+    Floor and lift are those of the conditions in the observation.
+    """
+    sizes = graph.axes("condition_sizes", OBSERVED - CONDITIONS - 1, 1, 1, CONDITIONS - 1)
+    _, gravity, lift, _ = graph.split("observation", ["moving", "log_gravity", "lift", "others"], sizes, axis=1)
+    falling = graph.scalar("falling", (1.0 - WEIGHT_KEPT) * USUAL_GRAVITY)
+    floor = graph.node("Mul", [graph.node("Exp", [gravity], "gravity"), falling], "floor")
     x, y, z = graph.split(raw, ["x", "y", "z_raw"], axis=1, num_outputs=3)
-    floor, lift = graph.split("bounds", ["floor", "lift"], axis=1, num_outputs=2)
     z = graph.node("Mul", [z, lift], "z")
     squares = [graph.node("Mul", [part, part], f"{part}_squared") for part in (x, y, z)]
     total = graph.node("Add", [graph.node("Add", squares[:2], "plane_squared"), squares[2]], "space_squared")
@@ -127,14 +100,8 @@ def add_bounds(graph: GraphBuilder, raw: str) -> None:
     z = graph.node("Sub", [graph.node("Div", [soft, sharpness], "above"), floor], "z_above_floor")
     # A level pan's lift is 0, every other one's far above a millionth.
     scaled = graph.node("Mul", [lift, graph.scalar("steep", 1e6)], "lift_scaled")
-    lifts = graph.node("Clip", [scaled, graph.scalar("zero", 0.0), "one"], "lifts")
+    lifts = graph.node("Clip", [scaled, graph.scalar("nothing", 0.0), "one"], "lifts")
     z = graph.node("Mul", [z, lifts], "z_lifting")
     axis = graph.axes("column_axis", -1)
     columns = [graph.node("Unsqueeze", [part, axis], f"{part}_column") for part in (x, y, z)]
     graph.node("Concat", columns, "pan_acceleration", axis=-1)
-
-
-def _linear(graph: GraphBuilder, name: str, x: str, layer: nn.Linear) -> str:
-    weight = graph.constant(f"{name}.weight", float32_array(layer.weight))
-    bias = graph.constant(f"{name}.bias", float32_array(layer.bias))
-    return graph.node("Gemm", [x, weight, bias], name, transB=1)

@@ -3,7 +3,7 @@
 A product x W of activations and weights becomes a product of integers. The weights are quantized per output and keep
 to seven bits: where a processor has no 8-bit dot product, products of full-range weights overflow in pairs. The
 activations are quantized by scales that are fixed here: what a unit puts out lies between -1 and 1, and the inputs are
-divided by their ranges (`ranges`) and held there. Sums of integers have no rounding, so a command's plan does not
+divided by their ranges (`layouts`) and held there. Sums of integers have no rounding, so a command's plan does not
 depend on what else is in its batch.
 
 The accelerations of neighbouring samples are rounded independently, which would shake the pan: the last layer has two
@@ -15,17 +15,29 @@ channel's weight of the next sample, so that only what changes from sample to sa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from export.graph_builder import GraphBuilder, add_bound
+from export.float_graphs import add_answer
+from export.general_graphs import add_answer_in_space
+from export.graph_builder import GraphBuilder
 from runtime.documents.checks import FloatArray
-from runtime.network.manifest import Manifest
-from train.network.model import ACCELERATION_SCALE
+from runtime.network.bundle import widths_of
+from runtime.network.manifest import Manifest, OnePan
+from runtime.network.units import (
+    ACCELERATION,
+    AHEAD,
+    AHEAD_ROWS,
+    ENCODER_ROWS,
+    LARGEST_HEIGHT,
+    LARGEST_SPEED,
+    REACH,
+    SEEN_ROWS,
+)
 
 Weights = Mapping[str, NDArray[Any]]
 
@@ -55,21 +67,51 @@ def weights_of(graph: bytes) -> Weights:
     return {weight.name: numpy_helper.to_array(weight) for weight in onnx.load_from_string(graph).graph.initializer}
 
 
-def ranges(manifest: Manifest) -> tuple[FloatArray, FloatArray]:
-    """Return how far the inputs are told apart: beyond, they count as that far.
+class Layout(NamedTuple):
+    """What a graph is given, laid out in one row.
+
+    Attributes:
+        ranges: (n,) how far each number is told apart: beyond, it counts as that far.
+        series: what it begins with.
+    """
+
+    ranges: FloatArray
+    series: Series
+
+
+def layouts(manifest: Manifest) -> tuple[Layout, Layout]:
+    """Return the layouts of a command's chunk and of an observation.
 
     Commands may go half as far again, and half as fast, as those trained on. Under these an object came to 0.9 of the
     reach, 1.6 of the speed, and a pan to 0.95 of its limit and twice the speed.
-
-    Returns:
-        (4C,) of a command chunk, and (8C + 4C command_ahead,) of an observation (m, m/s), laid out as these are.
     """
+    if not isinstance(manifest.network, OnePan):
+        return _general_layouts()
+    chunk, ahead = manifest.network.chunk, manifest.network.command_ahead
     reach, speed = (manifest.trained_on[name][1] for name in ("reach", "speed"))
-    pan = [1.25 * manifest.pan_limit] * 2 + [3.0 * speed] * 2
+    pan = [1.25 * manifest.network.pan_limit] * 2 + [3.0 * speed] * 2
     sliding = [1.5 * reach] * 2 + [2.0 * speed] * 2
-    command = np.tile([1.5 * reach] * 2 + [1.5 * speed] * 2, manifest.chunk)
-    states = np.tile(pan + sliding, manifest.chunk)
-    return command, np.concatenate([states, np.tile(command, manifest.command_ahead)])
+    command = np.tile([1.5 * reach] * 2 + [1.5 * speed] * 2, chunk)
+    states = np.tile(pan + sliding, chunk)
+    observation = np.concatenate([states, np.tile(command, ahead)])
+    return Layout(command, [(4, chunk)]), Layout(observation, [(8, chunk), (4, ahead * chunk)])
+
+
+FASTEST = 1.1
+"""Largest speed of a command that networks for every pan are trained on, in their units."""
+
+
+def _general_layouts() -> tuple[Layout, Layout]:
+    """Return those of a network for every pan, in its units: positions are relative to where the command is now."""
+    velocity = 1.5 * FASTEST
+    told = [2.2, 1.0, 2.0, 1.4, 1.0, 1.0, 2.1, 1.8, 3.0, 3.0]
+    pan = [1.25 * REACH] * 2 + [1.1 * LARGEST_HEIGHT] + [1.1 * LARGEST_SPEED] * 3
+    states = np.tile(pan + [REACH] * 2 + [2.0 * FASTEST] * 2, len(SEEN_ROWS))
+    ahead = np.tile([1e-3 * AHEAD * 1.25 * FASTEST] * 2 + [velocity] * 2, len(AHEAD_ROWS))
+    command = np.tile([1.5 * REACH] * 2 + [velocity] * 2, len(ENCODER_ROWS))
+    observation = np.concatenate([states, [1.25 * ACCELERATION] * 3, ahead, told, [1.0]])
+    series = [(10, len(SEEN_ROWS)), (3, 1), (4, len(AHEAD_ROWS))]
+    return Layout(np.concatenate([command, told]), [(4, len(ENCODER_ROWS))]), Layout(observation, series)
 
 
 def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
@@ -81,7 +123,7 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
     """
     graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
     scale = weights["scale"].astype(np.float64)
-    size = ranges(manifest)[0]
+    size, series = layouts(manifest)[0]
     low, zero, high = (graph.scalar(name, value) for name, value in (("low", -1.0), ("zero", 0.0), ("high", 1.0)))
     x = graph.node("Mul", ["command", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
     x = graph.node("Transpose", [graph.node("Clip", [x, low, high], "held")], "time_major", perm=[1, 0, 2])
@@ -94,7 +136,7 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
     cells[..., units:] = FULL, -FULL
     cells_before = graph.node("Add", [nothing, graph.constant("cells", cells)], "cells_before")
 
-    size, series = scale * size, [(4, manifest.chunk)]
+    width, size = len(size), scale * size
     for layer in layers:
         w, r, b = _lstm(weights, layer)
         names = [f"lstm{layer}.{name}" for name in ("W", "W_scale", "W_zero", "R", "R_scale", "R_zero")]
@@ -125,7 +167,7 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
     state: list[str | int] = [manifest.layers, "batch", units]
     return graph.model(
         "encoder",
-        {"command": ["batch", "chunks", 4 * manifest.chunk]},
+        {"command": ["batch", "chunks", width]},
         {"hidden": state, "cell": state},
         (CONTRIBUTED,),
     )
@@ -136,7 +178,7 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
     graph.scalar("step", 1.0 / STEPS)
     graph.constant("middle", np.array(128, dtype=np.uint8))
-    size = ranges(manifest)[1]
+    size, series = layouts(manifest)[1]
     width = len(size)
     graph.scalar("fine_step", 1.0 / FINE_STEPS)
     scaled = graph.node("Mul", ["observation", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
@@ -151,7 +193,6 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     after: dict[str, list[str]] = {"hidden": [], "cell": []}
     thirds = graph.axes("gates_and_cell", 3 * units, units)
     size = weights["scale"].astype(np.float64) * size
-    series = [(8, manifest.chunk), (4, manifest.command_ahead * manifest.chunk)]
     x = ""
     for layer in layers:
         w, r, b = _lstm(weights, layer)
@@ -177,19 +218,20 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
 
     x = _linear(graph, "feedforward", x, weights["feedforward.weight"], weights["feedforward.bias"])
     x = graph.node("Tanh", [x], "features")
-    w, b = (ACCELERATION_SCALE * weights[f"output.{name}"].astype(np.float64) for name in ("weight", "bias"))
+    unit = weights["acceleration_scale"].item()
+    w, b = (unit * weights[f"output.{name}"].astype(np.float64) for name in ("weight", "bias"))
     x = _precise_linear(graph, "output", x, w, digits=2)
     x = graph.node("Add", [x, graph.constant("output.bias", b.astype(np.float32))], "output")
-    bound = manifest.acceleration_bound
-    shape = graph.axes("acceleration_shape", 0, manifest.chunk, 2)
-    x = graph.node("Reshape", [x, shape], "pan_acceleration" if bound is None else "unbounded")
-    if bound is not None:
-        add_bound(graph, x, bound)
+    answer = widths_of(manifest).answer
+    if isinstance(manifest.network, OnePan):
+        add_answer(graph, x, manifest.network.chunk, manifest.network.acceleration_bound)
+    else:
+        add_answer_in_space(graph, x)
     state: list[str | int] = [manifest.layers, "batch", units]
     return graph.model(
         "decoder_step",
         {"observation": ["batch", width], "hidden": state, "cell": state},
-        {"pan_acceleration": ["batch", manifest.chunk, 2], "hidden_out": state, "cell_out": state},
+        {"pan_acceleration": ["batch", *answer], "hidden_out": state, "cell_out": state},
     )
 
 

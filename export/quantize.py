@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from export.integer_graphs import integer_decoder_step, integer_encoder, weights_of
-from export.write_bundle import bundle_folder, write_graph, write_manifest
+from export.write_bundle import bundle_folder, write_graphs, write_manifest
 from runtime import Planner
 from runtime.documents.checks import FloatArray
 from runtime.errors import SlideError
@@ -63,10 +63,7 @@ def quantize_bundle(source: Path, folder: Path, max_growth: float = MAX_GROWTH) 
             raise QuantizationError(f"{source} was trained on a {name} of 0: there is no range for its inputs")
     with bundle_folder(folder) as temporary:
         fp32 = {name: (source / graph.file).read_bytes() for name, graph in manifest.graphs.items()}
-        graphs = {
-            name: write_graph(temporary, manifest.graphs[name].file, graph)
-            for name, graph in integer_graphs(fp32, manifest).items()
-        }
+        graphs = write_graphs(temporary, integer_graphs(fp32, manifest))
         manifest = replace(manifest, precision="int8", graphs=graphs)
         write_manifest(temporary, manifest)
         comparison = compare(planner, Planner(temporary))

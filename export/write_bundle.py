@@ -11,19 +11,34 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 
 from export.float_graphs import decoder_step_graph, encoder_graph
+from export.general_graphs import general_decoder_step_graph, general_encoder_graph
 from export.graph_builder import OPSET
-from export.verify import Agreement, verify
+from export.verify import Agreement, AnswersAgreement, verify, verify_answers
 from runtime.errors import OutputError
 from runtime.friction import Friction
-from runtime.network.manifest import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest, default_limits
+from runtime.network.manifest import (
+    DECODER_STEP,
+    DEFAULT_LIMITS,
+    ENCODER,
+    MANIFEST_FILE,
+    USUAL_RANGES,
+    GraphFile,
+    Manifest,
+    OnePan,
+    default_limits,
+)
+from runtime.network.units import REACH, Constants
 from runtime.physics.law import DT
-from train.config import TrainConfig, trains_from_scratch
+from train.config import AnyConfig, TrainConfig, read_config, trains_from_scratch
 from train.curriculum import CURRICULA
+from train.general.config import GeneralConfig
+from train.general.network import GeneralNetwork
+from train.general.recipe import GeneralRecipe, load_network
 from train.learn.validation import validate
 from train.network.checkpoint import load_checkpoint, load_model
 from train.network.model import Seq2Seq
@@ -33,7 +48,7 @@ class Exported(NamedTuple):
     """What an export gives back: the manifest written and how well the bundle agrees with the network."""
 
     manifest: Manifest
-    agreement: Agreement
+    agreement: Agreement | AnswersAgreement
 
 
 def export_bundle(checkpoint: Path, folder: Path) -> Exported:
@@ -45,15 +60,24 @@ def export_bundle(checkpoint: Path, folder: Path) -> Exported:
         OutputError: `folder` holds something that is no bundle, or cannot be written.
     """
     saved = load_checkpoint(checkpoint)
+    if isinstance(read_config(saved["config"]), GeneralConfig):
+        return _export_general(saved, folder)
     config, model = load_model(saved)
     with bundle_folder(folder) as temporary:
-        graphs = {
-            ENCODER: write_graph(temporary, f"{ENCODER}.onnx", encoder_graph(model)),
-            DECODER_STEP: write_graph(temporary, f"{DECODER_STEP}.onnx", decoder_step_graph(model)),
-        }
+        graphs = write_graphs(temporary, {ENCODER: encoder_graph(model), DECODER_STEP: decoder_step_graph(model)})
         manifest = describe(model, config, saved["epoch"], saved.get("began_with"), graphs)
         write_manifest(temporary, manifest)
         agreement = verify(model, config, temporary)
+    return Exported(manifest, agreement)
+
+
+def _export_general(saved: dict[str, Any], folder: Path) -> Exported:
+    config, network = load_network(saved)
+    both = {ENCODER: general_encoder_graph(network), DECODER_STEP: general_decoder_step_graph(network)}
+    with bundle_folder(folder) as temporary:
+        manifest = describe_general(network, config, saved["epoch"], write_graphs(temporary, both))
+        write_manifest(temporary, manifest)
+        agreement = verify_answers(network, temporary)
     return Exported(manifest, agreement)
 
 
@@ -79,10 +103,14 @@ def bundle_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def write_graph(folder: Path, file: str, graph: bytes) -> GraphFile:
-    """Write a serialized graph, and return its entry in the manifest."""
-    (folder / file).write_bytes(graph)
-    return GraphFile(file, hashlib.sha256(graph).hexdigest())
+def write_graphs(folder: Path, graphs: Mapping[str, bytes]) -> dict[str, GraphFile]:
+    """Write serialized graphs by their names, and return their entries in the manifest."""
+    entries = {}
+    for name, graph in graphs.items():
+        file = f"{name}.onnx"
+        (folder / file).write_bytes(graph)
+        entries[name] = GraphFile(file, hashlib.sha256(graph).hexdigest())
+    return entries
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
@@ -109,19 +137,17 @@ def describe(
     """
     varied = any(stage.varied_friction for stage in CURRICULA[config.curriculum])
     figures = validate(model, config, torch.device("cpu"))
+    network = OnePan(config.chunk, config.command_ahead, config.acceleration_bound, config.pan_limit)
     return Manifest(
         name=config.name,
         precision="fp32",
         opset=OPSET,
         graphs=graphs,
-        chunk=config.chunk,
+        network=network,
         dt=DT,
         layers=config.layers,
         units=config.units,
-        command_ahead=config.command_ahead,
-        acceleration_bound=config.acceleration_bound,
         friction=Friction(config.static, config.kinetic),
-        pan_limit=config.pan_limit,
         trained_on={
             "static": config.static_range if varied else (config.static, config.static),
             "kinetic": config.kinetic_range if varied else (config.kinetic, config.kinetic),
@@ -129,16 +155,56 @@ def describe(
             "speed": (0.0, config.speed),
             "samples": config.samples,
         },
-        training={
-            "command": training_command(config, began_with),
-            "began_with": None if began_with is None else dict(began_with),
-            "epochs": epochs,
-            "configuration": config.model_dump(mode="json"),
-            "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
-        },
+        training=_training(config, training_command(config, began_with), began_with, epochs),
         evaluation={name: round(value, 5) for name, value in figures.items()},
-        limits=default_limits(config.pan_limit, config.acceleration_bound),
+        limits=default_limits(network),
     )
+
+
+def describe_general(
+    network: GeneralNetwork, config: GeneralConfig, epochs: int, graphs: dict[str, GraphFile]
+) -> Manifest:
+    """Return the manifest of a network for every pan, trained by `config` for so many epochs."""
+    figures = GeneralRecipe(config).validate(network, torch.device("cpu"))
+    (least, static), (share, kinetic) = config.static, config.kinetic
+    return Manifest(
+        name=config.name,
+        precision="fp32",
+        opset=OPSET,
+        graphs=graphs,
+        network=Constants(),
+        dt=DT,
+        layers=config.layers,
+        units=config.units,
+        friction=Friction(),
+        trained_on={
+            "static": config.static,
+            "kinetic": (round(share * least, 6), kinetic * static),
+            "push": (0.0, config.drive),
+            "pan_reach": config.pan_reach,
+            "height": (0.0, config.height[1]),
+            "pan_speed": config.pan_speed,
+            "acceleration": config.acceleration,
+            "jerk": config.jerk,
+            "reach": (0.0, round(config.far[1] / REACH, 6)),
+            "speed": (0.0, config.speed[1]),
+            "samples": config.samples,
+            **USUAL_RANGES,
+        },
+        training=_training(config, f"slide-train {config.name}", None, epochs),
+        evaluation={name: round(value, 5) for name, value in figures.items()},
+        limits=DEFAULT_LIMITS,
+    )
+
+
+def _training(config: AnyConfig, command: str, began_with: Mapping[str, str] | None, epochs: int) -> dict[str, Any]:
+    return {
+        "command": command,
+        "began_with": None if began_with is None else dict(began_with),
+        "epochs": epochs,
+        "configuration": config.model_dump(mode="json"),
+        "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
+    }
 
 
 def training_command(config: TrainConfig, began_with: Mapping[str, str] | None) -> str:

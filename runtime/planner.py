@@ -43,6 +43,9 @@ MOST_CANDIDATES = 256
 MOST_EFFORT = {"refine_ms": 600_000.0, "refine_iterations": 100_000.0}
 """Most that a plan is refined: ten minutes, far beyond what gains anything."""
 
+WARM_UP = 200
+"""Samples of a plan that is made when a planner is built: so the first plan is as fast as the tenth."""
+
 AT_REST = Start()
 
 Value = TypeVar("Value", Friction, Limits, Start, Sizes)
@@ -64,7 +67,9 @@ class Planner:
 
     def __init__(self, path: str | PathLike[str] | None = None, *, sha256: str | None = None) -> None:
         self.bundle = Bundle.load(DEFAULT_BUNDLE if path is None else path, sha256)
-        self.plan(np.zeros((2 * self.bundle.manifest.chunk, 2)))  # warms up: the first plan is as fast as the tenth
+        self.plan(
+            np.zeros((2 * self.bundle.manifest.one_pan.chunk, 2))
+        )  # warms up: the first plan is as fast as the tenth
 
     def __repr__(self) -> str:
         return f"<Planner with {self.bundle.manifest.name} from {self.bundle.path}>"
@@ -222,7 +227,7 @@ class Planner:
             motion.sliding[0],
             job.command.position,
             job.friction,
-            self.bundle.manifest.chunk,
+            self.bundle.manifest.one_pan.chunk,
             effort,
         )
 

@@ -166,7 +166,7 @@ class Stream:
         """
         with self._alone():
             last = self._state
-            chunk = self._bundle.manifest.chunk
+            chunk = self._bundle.manifest.one_pan.chunk
             measured = check_states(pan_state, "pan_state", chunk), check_states(object_state, "object_state", chunk)
             late = check_age(age)
             if last.status is StreamStatus.BRAKING:
@@ -249,7 +249,7 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            command, first, chunk = self._command, self._reader.chunk, self._bundle.manifest.chunk
+            command, first, chunk = self._command, self._reader.chunk, self._bundle.manifest.one_pan.chunk
             if self._reader.commands[0] is not command:  # the object was being brought back
                 first = -(-len(command) // chunk)
             row = min(first * chunk, len(command) - 1)
@@ -268,7 +268,7 @@ class Stream:
 
     def _begin(self, start: Start, mark: FloatArray) -> StreamState:
         """Return what is carried before the first chunk; `mark` (2,) is where the object is if nothing is said (m)."""
-        pan, chunk = Pan.at_start(start, self._limits), self._bundle.manifest.chunk
+        pan, chunk = Pan.at_start(start, self._limits), self._bundle.manifest.one_pan.chunk
         u = np.tile(start.pan_acceleration, (chunk, 1))
         still = (np.tile(state, (chunk + 1, 1)) for state in (start.pan_state(), start.object_state(mark)))
         return StreamState(Motion(u, u, *still), pan, pan, start.pan_state())
@@ -324,11 +324,11 @@ class Stream:
     def _over(self) -> bool:
         """Whether the next chunk begins past the end of the command, or of the move that brings the object back."""
         (command,) = self._reader.commands
-        return self._reader.chunk * self._bundle.manifest.chunk >= len(command)
+        return self._reader.chunk * self._bundle.manifest.one_pan.chunk >= len(command)
 
     def _ending(self, sliding: FloatArray) -> Ending | None:
         """Return what goes on now that the object is measured at (4,), None before the end of the command."""
-        last, chunk = self._state.ending, self._bundle.manifest.chunk
+        last, chunk = self._state.ending, self._bundle.manifest.one_pan.chunk
         if last is None:
             if not self._over:
                 return None
@@ -394,7 +394,7 @@ class Stream:
 
     def _braked(self, before: Pan, sliding: FloatArray) -> StreamState:
         """Return the next chunk of a pan's stop."""
-        chunk = self._bundle.manifest.chunk
+        chunk = self._bundle.manifest.one_pan.chunk
         u = before.brake.accelerations(chunk)
         states = integrate_pan(np.array(before.state[:4]), u)
         motion = self._predict(before, u, u, states, sliding)

@@ -90,7 +90,7 @@ def _add_views(app: FastAPI, service: Service) -> None:
         """Say what the server plans with and what it was told."""
         bundle = service.planner.bundle
         manifest = bundle.manifest.to_dict()
-        shown = {name: manifest[name] for name in ("name", "precision", "chunk", "dt", "friction", "limits", "sizes")}
+        shown = {name: manifest[name] for name in ("name", "precision", "network", "dt", "friction", "limits", "sizes")}
         model = {**shown, "trained_on": manifest["trained_on"], "sha256": bundle.sha256}
         document = {"version": app.version, "model": model, "settings": service.settings.shown()}
         return Response(orjson.dumps(document), media_type="application/json")

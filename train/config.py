@@ -202,11 +202,12 @@ ONE_PAN: dict[str, TrainConfig] = {
 GENERAL: dict[str, GeneralConfig] = {
     "general": GeneralConfig(
         name="general",
-        families=FASTER,
+        families=FASTER | {"loops": 0.2, "strokes": 0.12},
+        level=0.45,
         units=384,
-        epochs=96,
-        trajectories=32_768,
-        batch=256,
+        epochs=100,
+        trajectories=16_384,
+        batch=128,
         optimizer="muon",
         learning_rate=2e-3,
         final_learning_rate=5e-6,

@@ -10,9 +10,9 @@ from benchmarks.peers.torch_eager import untrained_model
 from export.float_graphs import decoder_step_graph, encoder_graph
 from export.graph_builder import OPSET
 from export.quantize import integer_graphs
-from export.write_bundle import write_graph, write_manifest
+from export.write_bundle import write_graphs, write_manifest
 from runtime.friction import Friction
-from runtime.network.manifest import DECODER_STEP, ENCODER, GraphFile, Manifest
+from runtime.network.manifest import DECODER_STEP, ENCODER, GraphFile, Manifest, OnePan
 from runtime.physics.law import DT
 
 GAIN = 40.0
@@ -27,14 +27,11 @@ def write_large(folder: Path, units: int) -> Path:
         precision="int8",
         opset=OPSET,
         graphs={ENCODER: nothing, DECODER_STEP: nothing},
-        chunk=100,
+        network=OnePan(chunk=100, command_ahead=2, acceleration_bound=30.0, pan_limit=0.2),
         dt=DT,
         layers=2,
         units=units,
-        command_ahead=2,
-        acceleration_bound=30.0,
         friction=Friction(),
-        pan_limit=0.2,
         trained_on={
             "static": (0.4, 1.5), "kinetic": (0.2, 0.8), "reach": (0.0, 0.15), "speed": (0.0, 0.7),
             "samples": (300.0, 1500.0),
@@ -46,7 +43,6 @@ def write_large(folder: Path, units: int) -> Path:
     with torch.no_grad():
         model.output.weight *= GAIN
     graphs = {ENCODER: encoder_graph(model), DECODER_STEP: decoder_step_graph(model)}
-    integer = integer_graphs(graphs, manifest)
-    files = {name: write_graph(folder, f"{name}.onnx", graph) for name, graph in integer.items()}
+    files = write_graphs(folder, integer_graphs(graphs, manifest))
     write_manifest(folder, Manifest(**{**vars(manifest), "graphs": files}))
     return folder

@@ -108,8 +108,8 @@ def untrained_model(manifest: Manifest) -> Seq2Seq:
         torch.manual_seed(0)
         return Seq2Seq(
             manifest.units,
-            manifest.chunk,
+            manifest.one_pan.chunk,
             manifest.layers,
-            manifest.command_ahead,
-            manifest.acceleration_bound,
+            manifest.one_pan.command_ahead,
+            manifest.one_pan.acceleration_bound,
         ).eval()

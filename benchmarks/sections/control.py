@@ -103,9 +103,9 @@ def _steps(planner: Planner) -> Iterator[float]:
     manifest = planner.bundle.manifest
     for position in cycle(spline().positions):
         stream = planner.stream(position)
-        pan = np.zeros((manifest.chunk, 4))
-        sliding = np.tile([*position[0], 0.0, 0.0], (manifest.chunk, 1))
-        for _ in range(SAMPLES // manifest.chunk):
+        pan = np.zeros((manifest.one_pan.chunk, 4))
+        sliding = np.tile([*position[0], 0.0, 0.0], (manifest.one_pan.chunk, 1))
+        for _ in range(SAMPLES // manifest.one_pan.chunk):
             begin = time.perf_counter()
             u = stream.step(pan, sliding)
             yield time.perf_counter() - begin

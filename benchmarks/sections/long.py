@@ -210,7 +210,7 @@ def recovery_of(planner: Planner, seeds: int) -> Recovery:
 def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, disturbed: bool) -> FloatArray:
     """Follow a command in closed loop with the law; returns the tracking RMSE of each chunk (m)."""
     rng = np.random.default_rng(seed)
-    chunk, friction = planner.bundle.manifest.chunk, planner.bundle.manifest.friction
+    chunk, friction = planner.bundle.manifest.one_pan.chunk, planner.bundle.manifest.friction
     spread = np.array(NOISE) * float(noise)
     pan, sliding, states = np.zeros(4), np.array([*position[0], 0.0, 0.0]), (None, None)
     stream, errors = planner.stream(position), []

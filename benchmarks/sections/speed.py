@@ -201,9 +201,9 @@ def compiled_speed(planner: Planner, eager: Planner | None, rounds: int) -> Plan
 def network_speed(planner: Planner, eager: Planner, rounds: int) -> NetworkSpeed:
     """Run the graphs as a plan does, the encoder once and then step after step, with both engines in turn."""
     manifest, rng = planner.bundle.manifest, np.random.default_rng(0)
-    steps = SAMPLES // manifest.chunk
-    command = rng.uniform(-0.1, 0.1, (1, steps, 4 * manifest.chunk)).astype(np.float32)
-    width = (8 + 4 * manifest.command_ahead) * manifest.chunk
+    steps = SAMPLES // manifest.one_pan.chunk
+    command = rng.uniform(-0.1, 0.1, (1, steps, 4 * manifest.one_pan.chunk)).astype(np.float32)
+    width = (8 + 4 * manifest.one_pan.command_ahead) * manifest.one_pan.chunk
     observation = rng.uniform(-0.1, 0.1, (1, width)).astype(np.float32)
 
     def encode(bundle: Bundle) -> Callable[[], object]:

@@ -10,7 +10,7 @@ import numpy as np
 from runtime.command import Command
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.network.manifest import TRAINED_ON
+from runtime.network.manifest import ONE_PAN, TRAINED_ON
 from runtime.physics.law import DT
 from runtime.physics.motion import lengths
 from runtime.start import Start
@@ -21,7 +21,7 @@ neither, and no object turns faster."""
 
 
 def asked_for(command: Command, friction: Friction, start: Start) -> dict[str, float]:
-    """Return what a plan asks for, by the names and in the units of TRAINED_ON."""
+    """Return what a plan asks for, by the names and in the units of TRAINED_ON, for a network for one pan."""
     velocity = _mean_velocity(command.position)
     turns = lengths(velocity[SPAN:] - velocity[:-SPAN])
     return {
@@ -42,7 +42,7 @@ def beyond(found: Mapping[str, float], trained_on: Mapping[str, tuple[float, flo
     """
     lines = []
     for name, (low, high) in trained_on.items():
-        value, unit = found[name], f" {TRAINED_ON[name]}" if TRAINED_ON[name] else ""
+        value, unit = found[name], f" {TRAINED_ON[ONE_PAN][name]}" if TRAINED_ON[ONE_PAN][name] else ""
         if low <= value <= high or (name == "samples" and value > high):
             continue
         what = name.replace("_", " ")

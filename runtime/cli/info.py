@@ -11,7 +11,7 @@ import typer
 from runtime.cli.console import AsJson, print_json, print_table, run
 from runtime.limits import UNITS
 from runtime.network.bundle import Bundle
-from runtime.network.manifest import BUNDLE_FORMAT, TRAINED_ON
+from runtime.network.manifest import BUNDLE_FORMAT, TRAINED_ON, Manifest, OnePan
 from runtime.planner import DEFAULT_BUNDLE
 
 
@@ -31,29 +31,39 @@ def slide_info(
     if as_json:
         print_json({"path": str(path), "sha256": loaded.sha256, "sizes": loaded.sizes, **manifest.to_dict()})
         return
-    bound = manifest.acceleration_bound
     rows = [
         ("name", manifest.name),
         ("format", BUNDLE_FORMAT),
         ("network", f"{manifest.layers} x {manifest.units} LSTM units, {manifest.precision}, opset {manifest.opset}"),
-        ("chunk", f"{manifest.chunk} samples of {manifest.dt * 1e3:g} ms"),
-        ("command ahead", f"{manifest.command_ahead} chunks"),
+        *_network_rows(manifest),
         ("friction, static/kinetic", f"{manifest.friction.static:g}/{manifest.friction.kinetic:g}"),
         ("pan, object radius", f"{manifest.sizes.pan_radius:g} m, {manifest.sizes.object_radius:g} m"),
-        ("pan limit", f"{manifest.pan_limit:g} m"),
-        ("acceleration bound", "none" if bound is None else f"{bound:g} m/s^2"),
         *(
             (f"limit on {name.replace('_', ' ')}", f"{getattr(manifest.limits, name):g} {UNITS[name]}")
             for name in UNITS
         ),
     ]
-    for name, unit in TRAINED_ON.items():
+    for name, unit in TRAINED_ON[manifest.kind].items():
         low, high = manifest.trained_on[name]
         rows.append((f"trained on {name.replace('_', ' ')}", f"{low:g} to {high:g} {unit}".rstrip()))
     rows += [(f"{name} size", f"{size / 1e6:.2f} MB") for name, size in loaded.sizes.items()]
     rows.append(("sha256", loaded.sha256))
     rows += [(name.replace("_", " "), _brief(value) + _unit(name)) for name, value in manifest.evaluation.items()]
     print_table(str(path), rows)
+
+
+def _network_rows(manifest: Manifest) -> list[tuple[str, str]]:
+    network = manifest.network
+    if not isinstance(network, OnePan):
+        return [("kind", "for every pan"), ("chunk", f"{network.chunk} samples of the network's time")]
+    bound = network.acceleration_bound
+    return [
+        ("kind", "for one pan"),
+        ("chunk", f"{network.chunk} samples of {manifest.dt * 1e3:g} ms"),
+        ("command ahead", f"{network.command_ahead} chunks"),
+        ("pan limit", f"{network.pan_limit:g} m"),
+        ("acceleration bound", "none" if bound is None else f"{bound:g} m/s^2"),
+    ]
 
 
 def _unit(name: str) -> str:

@@ -42,15 +42,21 @@ def fields(value: object, where: str, names: Sequence[str], optional: Sequence[s
     return value
 
 
-def check_format(value: object, expected: str) -> None:
+def check_format(value: object, expected: str, way_out: str = "") -> None:
     """Check the `format` of a document, before anything else of it is looked at.
+
+    Args:
+        value: the parsed document.
+        expected: its format.
+        way_out: what to do about another one, for the message.
 
     Raises:
         InputError: not an object, or of another format or version.
     """
     found = value.get("format") if isinstance(value, Mapping) else None
     if not isinstance(found, str) or found != expected:
-        raise InputError(f"format must be {expected!r}, got {reprlib.repr(found)}", "format")
+        hint = f": {way_out}" if way_out else ""
+        raise InputError(f"format must be {expected!r}, got {reprlib.repr(found)}{hint}", "format")
 
 
 def number(value: object, key: str, place: str | None = None) -> float:

@@ -4,14 +4,15 @@ Nothing of a bundle is believed: the manifest is read strictly, each graph's byt
 sha256 and looked through (`runtime.network.onnx_check`) before onnxruntime sees them, and what the graphs take and give
 is compared with the manifest's numbers.
 
-The graphs, C samples in a chunk, everything row by row and in SI units (normalization is inside them):
+The graphs, row by row (normalization is inside them):
 
-    encoder:       command (B, chunks, 4C)                            -> hidden, cell (layers, B, units)
-    decoder_step:  observation (B, 8C + 4C command_ahead), hidden, cell -> pan_acceleration (B, C, 2), hidden_out,
-                                                                         cell_out
+    encoder:       command (B, chunks, W)               -> hidden, cell (layers, B, units)
+    decoder_step:  observation (B, V), hidden, cell     -> pan_acceleration (B, C, D), hidden_out, cell_out
 
-A command chunk is C rows (x, y, vx, vy); an observation is C rows (pan x, y, vx, vy, object x, y, vx, vy) and then
-`command_ahead` command chunks, the first of them the one whose accelerations are about to be produced.
+Of a network for one pan, all of it is in SI units and D is 2: a command chunk is C rows (x, y, vx, vy), so that W is
+4C; an observation is C rows (pan x, y, vx, vy, object x, y, vx, vy) and then `command_ahead` command chunks, the first
+of them the one whose accelerations are about to be produced. Of a network for every pan, all of it is in the network's
+units, D is 3, and `runtime.network.units` says what READ and OBSERVED numbers are given.
 """
 
 from __future__ import annotations
@@ -34,9 +35,11 @@ from runtime.network.manifest import (
     ENCODER,
     MANIFEST_FILE,
     Manifest,
+    OnePan,
     bundle_errors,
 )
 from runtime.network.onnx_check import check_graph
+from runtime.network.units import OBSERVED, READ
 
 SHIPPED = Path(__file__).parents[1] / "models"
 """Folder of the bundles that are shipped, which are known by their names too: `default`, in int8, and `fp32`."""
@@ -125,11 +128,11 @@ class Bundle:
         return type(self).load, (str(self.path), self.sha256)
 
     def encode(self, command: Float32Array) -> LstmState:
-        """Read commands, (B, chunks, 4C); the decoder starts from the state it leaves."""
+        """Read commands, (B, chunks, W); the decoder starts from the state it leaves."""
         return LstmState(*self.sessions[ENCODER].run(ENCODER_OUTPUTS, {"command": command}))
 
     def decode_step(self, observation: Float32Array, state: LstmState) -> tuple[Float32Array, LstmState]:
-        """Produce the next C pan accelerations (B, C, 2) (m/s^2) from the observation, (B, 8C + 4C command_ahead)."""
+        """Produce the next C pan accelerations (B, C, D) from the observation, (B, V)."""
         inputs = {"observation": observation, "hidden": state.hidden, "cell": state.cell}
         acceleration, hidden, cell = self.sessions[DECODER_STEP].run(DECODER_STEP_OUTPUTS, inputs)
         return acceleration, LstmState(hidden, cell)
@@ -140,15 +143,15 @@ class Bundle:
         Raises:
             BundleError: a graph fails, or gives another shape than the manifest's numbers ask for.
         """
-        manifest = self.manifest
+        manifest, widths = self.manifest, widths_of(self.manifest)
         try:
-            state = self.encode(np.zeros((2, 3, 4 * manifest.chunk), dtype=np.float32))
-            observation = np.zeros((2, _observation_width(manifest)), dtype=np.float32)
+            state = self.encode(np.zeros((2, 3, widths.command), dtype=np.float32))
+            observation = np.zeros((2, widths.observation), dtype=np.float32)
             acceleration, after = self.decode_step(observation, state)
         except Exception as error:  # onnxruntime's own exceptions share no base class of theirs
             raise BundleError(f"{source}: a graph does not run: {_first_line(error)}") from error
         memory = (manifest.layers, 2, manifest.units)
-        expected = {"pan_acceleration": (2, manifest.chunk, 2)} | dict.fromkeys(
+        expected = {"pan_acceleration": (2, *widths.answer)} | dict.fromkeys(
             (*ENCODER_OUTPUTS, "hidden_out", "cell_out"), memory
         )
         given = zip((*ENCODER_OUTPUTS, *DECODER_STEP_OUTPUTS), (*state, acceleration, *after), strict=True)
@@ -168,8 +171,20 @@ def _read(path: Path) -> bytes:
     return read_bytes(path)
 
 
-def _observation_width(manifest: Manifest) -> int:
-    return (8 + 4 * manifest.command_ahead) * manifest.chunk
+class Widths(NamedTuple):
+    """Of a command's chunk, W, of an observation, V, and the shape of an answer, (C, D)."""
+
+    command: int
+    observation: int
+    answer: tuple[int, int]
+
+
+def widths_of(manifest: Manifest) -> Widths:
+    """Return how wide what the graphs take and give is."""
+    network = manifest.network
+    if isinstance(network, OnePan):
+        return Widths(4 * network.chunk, (8 + 4 * network.command_ahead) * network.chunk, (network.chunk, 2))
+    return Widths(READ, OBSERVED, (network.chunk, 3))
 
 
 def _session(model: bytes, source: str) -> Any:
@@ -206,9 +221,9 @@ def _check_inputs_and_outputs(session: Any, name: str, manifest: Manifest, sourc
     expected: dict[str, tuple[int | str, ...]]
     outputs: tuple[str, ...]
     if name == ENCODER:
-        expected, outputs = {"command": ("batch", "chunks", 4 * manifest.chunk)}, ENCODER_OUTPUTS
+        expected, outputs = {"command": ("batch", "chunks", widths_of(manifest).command)}, ENCODER_OUTPUTS
     else:
-        expected = {"observation": ("batch", _observation_width(manifest)), "hidden": memory, "cell": memory}
+        expected = {"observation": ("batch", widths_of(manifest).observation), "hidden": memory, "cell": memory}
         outputs = DECODER_STEP_OUTPUTS
     given = {tensor.name: tensor for tensor in session.get_inputs()}
     given_outputs = {tensor.name for tensor in session.get_outputs()}

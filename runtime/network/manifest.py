@@ -6,17 +6,25 @@ import re
 import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Self
 
 from runtime.documents.checks import check_format, fields, number, text
 from runtime.errors import BundleError, InputError
 from runtime.friction import Friction
 from runtime.limits import Limits
+from runtime.network.units import Constants
 from runtime.physics.law import DT
 from runtime.sizes import Sizes
 
-BUNDLE_FORMAT = "slide-bundle/1"
+BUNDLE_FORMAT = "slide-bundle/2"
+
+FIRST_FORMAT = "slide-bundle/1"
+"""The format before, of networks for one pan only, whose constants stood beside the others; it is read too."""
+
+ONE_PAN, GENERAL = "one-pan", "general"
+"""Kinds of networks: in SI for one pan, and in the law's units for every pan."""
+
 MANIFEST_FILE = "manifest.json"
 
 PRECISIONS = ("fp32", "int8")
@@ -25,17 +33,38 @@ ENCODER = "encoder"
 DECODER_STEP = "decoder_step"
 
 TRAINED_ON = {
-    "static": "",
-    "kinetic": "",
-    "reach": "m",
-    "speed": "m/s",
-    "samples": "",
-    "start_speed": "m/s",
-    "corner": "m/s",
+    ONE_PAN: {
+        "static": "",
+        "kinetic": "",
+        "reach": "m",
+        "speed": "m/s",
+        "samples": "",
+        "start_speed": "m/s",
+        "corner": "m/s",
+    },
+    GENERAL: {
+        "static": "",
+        "kinetic": "",
+        "push": "of the acceleration limit",
+        "pan_reach": "m",
+        "height": "m",
+        "pan_speed": "m/s",
+        "acceleration": "m/s^2",
+        "jerk": "m/s^3",
+        "reach": "of the pan's",
+        "speed": "of the network's",
+        "start_speed": "of the network's",
+        "corner": "of the network's",
+        "samples": "of the network's",
+    },
 }
-"""What the manifest gives the range of, and the unit: coefficients of friction; of the command the distance from its
-first position, the speed, the number of samples and the sharpest corner, as a change of velocity; the speed of the pan
-at the start."""
+"""What the manifest gives the range of, and the unit, by the kind of network.
+
+Of one for one pan: coefficients of friction; of the command the distance from its first position, the speed, the number
+of samples and the sharpest corner, as a change of velocity; the speed of the pan at the start. Of one for every pan,
+besides: the share of its acceleration that the pan takes to break the object away, and the limits; what is of the
+command in the network's units.
+"""
 
 USUAL_RANGES = {"start_speed": (0.0, 1.0), "corner": (0.0, 1.2)}
 """Ranges where a manifest does not say: what a network is taken through in mid-course, and still follows."""
@@ -64,6 +93,27 @@ class GraphFile(NamedTuple):
 
 
 @dataclass(frozen=True)
+class OnePan:
+    """A network in SI units for one pan.
+
+    Attributes:
+        chunk: samples in a chunk, C.
+        command_ahead: command chunks the decoder sees in each iteration.
+        acceleration_bound: bound on the pan acceleration inside the network (m/s^2); None if it has none.
+        pan_limit: largest distance of the pan from where it began that was trained for (m).
+    """
+
+    chunk: int
+    command_ahead: int
+    acceleration_bound: float | None
+    pan_limit: float
+
+
+Kind = OnePan | Constants
+"""What sets a network apart: its own numbers, or those that all networks for every pan have in common."""
+
+
+@dataclass(frozen=True)
 class Manifest:
     """What a bundle says of itself; the keys of manifest.json are these names, with `format` before them.
 
@@ -72,20 +122,17 @@ class Manifest:
         precision: "fp32" or "int8".
         opset: of the graphs' operators.
         graphs: file and hash of `encoder` and `decoder_step`.
-        chunk: samples in a chunk, C.
+        network: which kind it is, with its constants; in the file `kind` stands before these.
         dt: sampling interval (s).
         layers: LSTM layers in the encoder and in the decoder.
         units: LSTM units in a layer.
-        command_ahead: command chunks the decoder sees in each iteration.
-        acceleration_bound: bound on the pan acceleration inside the network (m/s^2); None if it has none.
         friction: what plans are made for unless something else is said.
-        pan_limit: largest distance of the pan from where it began that was trained for (m).
         trained_on: lowest and highest value of each of TRAINED_ON in the training. Those of USUAL_RANGES may be absent
             in the file.
         training: how the network was made; free-form.
         evaluation: figures; free-form.
-        limits: what plans keep to unless something else is said. May be absent in the file: then `pan_limit`, the
-            acceleration bound and the defaults of `Limits`.
+        limits: what plans keep to unless something else is said. May be absent in the file: then, of a network for one
+            pan, `pan_limit` and the acceleration bound, and the defaults of `Limits`.
         sizes: of pan and object, unless something else is said. May be absent in the file.
     """
 
@@ -93,19 +140,32 @@ class Manifest:
     precision: str
     opset: int
     graphs: Mapping[str, GraphFile]
-    chunk: int
+    network: Kind
     dt: float
     layers: int
     units: int
-    command_ahead: int
-    acceleration_bound: float | None
     friction: Friction
-    pan_limit: float
     trained_on: Mapping[str, tuple[float, float]]
     training: Mapping[str, Any]
     evaluation: Mapping[str, Any]
     limits: Limits = DEFAULT_LIMITS
     sizes: Sizes = DEFAULT_SIZES
+
+    @property
+    def kind(self) -> str:
+        """The kind of network, ONE_PAN or GENERAL."""
+        return ONE_PAN if isinstance(self.network, OnePan) else GENERAL
+
+    @property
+    def one_pan(self) -> OnePan:
+        """The constants of a network for one pan.
+
+        Raises:
+            InputError: it is one for every pan.
+        """
+        if not isinstance(self.network, OnePan):
+            raise InputError(f"{self.name} is a network for every pan, and this works with networks for one pan")
+        return self.network
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document.
@@ -117,6 +177,7 @@ class Manifest:
             "format": BUNDLE_FORMAT,
             **vars(self),
             "graphs": {name: graph._asdict() for name, graph in self.graphs.items()},
+            "network": {"kind": self.kind, **asdict(self.network)},
             "friction": self.friction.to_dict(),
             "trained_on": {name: list(limits) for name, limits in self.trained_on.items()},
             "training": dict(self.training),
@@ -139,23 +200,27 @@ class Manifest:
             BundleError: another format version, a key missing or unknown, or a value that is not what it must be.
         """
         with bundle_errors(source):
-            check_format(document, BUNDLE_FORMAT)
             optional = ("limits", "sizes")
             needed = [name for name in cls.__dataclass_fields__ if name not in optional]
-            parts = fields(document, "", ("format", *needed), optional)
+            if isinstance(document, Mapping) and document.get("format") == FIRST_FORMAT:
+                needed.remove("network")
+                parts = fields(document, "", ("format", *needed, *ONE_PAN_KEYS), optional)
+                network: Kind = _one_pan(parts, "")
+            else:
+                check_format(document, BUNDLE_FORMAT, "export it again with  slide-export RUN -o BUNDLE")
+                parts = fields(document, "", ("format", *needed), optional)
+                network = _network(parts["network"])
+            kind = ONE_PAN if isinstance(network, OnePan) else GENERAL
             precision = text(parts["precision"], "precision")
             if precision not in PRECISIONS:
                 raise InputError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
-            bound = parts["acceleration_bound"]
             graphs = fields(parts["graphs"], "graphs", (ENCODER, DECODER_STEP))
-            always = tuple(name for name in TRAINED_ON if name not in USUAL_RANGES)
-            trained_on = USUAL_RANGES | dict(fields(parts["trained_on"], "trained_on", always, tuple(USUAL_RANGES)))
+            usual = USUAL_RANGES if kind == ONE_PAN else {}
+            always = tuple(name for name in TRAINED_ON[kind] if name not in usual)
+            trained_on = usual | dict(fields(parts["trained_on"], "trained_on", always, tuple(usual)))
             for name in ("training", "evaluation"):
                 if not isinstance(parts[name], Mapping):
                     raise InputError(f"{name} must be an object, got {parts[name]!r}")
-            pan_limit = _positive(parts["pan_limit"], "pan_limit")
-            bound = None if bound is None else _positive(bound, "acceleration_bound")
-            limits = default_limits(pan_limit, bound)
             dt = number(parts["dt"], "dt")
             if dt != DT:
                 raise InputError(f"dt must be {DT:g} s, the sampling interval of commands and plans, got {dt:g} s")
@@ -164,32 +229,65 @@ class Manifest:
                 precision=precision,
                 opset=_integer(parts["opset"], "opset", 1),
                 graphs={name: _graph_file(value, f"graphs.{name}") for name, value in graphs.items()},
-                chunk=_integer(parts["chunk"], "chunk", 1),
+                network=network,
                 dt=dt,
                 layers=_integer(parts["layers"], "layers", 1),
                 units=_integer(parts["units"], "units", 1),
-                command_ahead=_integer(parts["command_ahead"], "command_ahead", 0),
-                acceleration_bound=bound,
                 friction=Friction.from_dict(parts["friction"]),
-                pan_limit=pan_limit,
-                trained_on={name: _range(trained_on[name], f"trained_on.{name}") for name in TRAINED_ON},
+                trained_on={name: _range(trained_on[name], f"trained_on.{name}") for name in TRAINED_ON[kind]},
                 training=parts["training"],
                 evaluation=parts["evaluation"],
-                limits=Limits.from_dict(parts["limits"]) if "limits" in parts else limits,
+                limits=Limits.from_dict(parts["limits"]) if "limits" in parts else default_limits(network),
                 sizes=Sizes.from_dict(parts["sizes"]) if "sizes" in parts else DEFAULT_SIZES,
             )
 
 
-def default_limits(pan_limit: float, acceleration_bound: float | None) -> Limits:
-    """Return the limits of plans by a network trained for these (m, m/s^2)."""
-    return Limits(pan_limit) if acceleration_bound is None else Limits(pan_limit, acceleration_bound)
+def default_limits(network: Kind) -> Limits:
+    """Return the limits of plans by a network of these constants."""
+    if not isinstance(network, OnePan):
+        return DEFAULT_LIMITS
+    if network.acceleration_bound is None:
+        return Limits(network.pan_limit)
+    return Limits(network.pan_limit, acceleration=network.acceleration_bound)
+
+
+def _network(value: object) -> Kind:
+    kind = value.get("kind") if isinstance(value, Mapping) else None
+    if kind == ONE_PAN:
+        return _one_pan(fields(value, "network", ("kind", *ONE_PAN_KEYS)), "network.")
+    known = asdict(Constants())
+    if kind != GENERAL:
+        raise InputError(f"network.kind must be {ONE_PAN!r} or {GENERAL!r}, got {reprlib.repr(kind)}", "network.kind")
+    parts = fields(value, "network", ("kind", *known))
+    for name, own in known.items():
+        given = tuple(parts[name]) if isinstance(parts[name], list) else parts[name]
+        if given != own or isinstance(given, bool):
+            raise InputError(
+                f"network.{name} must be {own}, which this version works with, got {reprlib.repr(given)}: train the "
+                "network again, or use the version that it was exported with"
+            )
+    return Constants()
+
+
+ONE_PAN_KEYS = tuple(OnePan.__dataclass_fields__)
+
+
+def _one_pan(parts: Mapping[str, Any], where: str) -> OnePan:
+    bound = parts["acceleration_bound"]
+    return OnePan(
+        _integer(parts["chunk"], f"{where}chunk", 1),
+        _integer(parts["command_ahead"], f"{where}command_ahead", 0),
+        None if bound is None else _positive(bound, f"{where}acceleration_bound"),
+        _positive(parts["pan_limit"], f"{where}pan_limit"),
+    )
 
 
 def _integer(value: object, key: str, smallest: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
         raise InputError(f"{key} must be a whole number of at least {smallest}, got {reprlib.repr(value)}")
-    if key in LARGEST and value > LARGEST[key]:
-        raise InputError(f"{key} must be at most {LARGEST[key]}, got {reprlib.repr(value)}")
+    most = LARGEST.get(key.rpartition(".")[2])
+    if most is not None and value > most:
+        raise InputError(f"{key} must be at most {most}, got {reprlib.repr(value)}")
     return value
 
 

@@ -32,7 +32,7 @@ class Window(NamedTuple):
 
     def ends(self, first: int, count: int, manifest: Manifest) -> tuple[int, int]:
         """Return the chunk up to which `count` chunks are planned at once from chunk `first`, and up to which read."""
-        trained = int(manifest.trained_on["samples"][1]) // manifest.chunk
+        trained = int(manifest.trained_on["samples"][1]) // manifest.one_pan.chunk
         most = max(self.unread + 1, trained if self.chunks is None else self.chunks)
         seen = min(count, first + most)
         return (count if seen == count else seen - self.unread), seen
@@ -69,7 +69,9 @@ class Reader(NamedTuple):
         last, seen = window.ends(first, max(chunk_count(commands[0], manifest), first + 1), manifest)
         ahead = np.stack([_chunks(command, manifest, first, seen) for command in commands])
         origin = np.zeros((len(commands), 1, 4))
-        origin[:, 0, :2] = [command.position[min(first * manifest.chunk, len(command) - 1)] for command in commands]
+        origin[:, 0, :2] = [
+            command.position[min(first * manifest.one_pan.chunk, len(command) - 1)] for command in commands
+        ]
         memory = bundle.encode(ahead[:, : seen - first])
         return cls(bundle, commands, window, first, last, 0, ahead, origin, memory)
 
@@ -94,7 +96,7 @@ class Reader(NamedTuple):
         manifest, reader = self.bundle.manifest, self
         if self.chunk == self.last < chunk_count(self.commands[0], manifest):
             reader = self.at(self.bundle, self.commands, self.last, self.window)
-        seen = np.arange(reader.n, reader.n + manifest.command_ahead)
+        seen = np.arange(reader.n, reader.n + manifest.one_pan.command_ahead)
         command = reader.ahead[:, np.minimum(seen, reader.ahead.shape[1] - 1)]
         states = np.concatenate([pan, sliding - reader.origin], axis=2)
         observation = np.concatenate([states.reshape(len(pan), -1), command.reshape(len(pan), -1)], axis=1)
@@ -106,12 +108,12 @@ class Reader(NamedTuple):
 
 def chunk_count(command: Command, manifest: Manifest) -> int:
     """Return the number of chunks the command fills, the last one maybe in part."""
-    return -(-len(command) // manifest.chunk)
+    return -(-len(command) // manifest.one_pan.chunk)
 
 
 def held_still(state: FloatArray, manifest: Manifest) -> FloatArray:
     """Return the states that the decoder sees first, (B, C, 4): the start, (B, 1, 4), C times."""
-    return np.repeat(state, manifest.chunk, axis=1)
+    return np.repeat(state, manifest.one_pan.chunk, axis=1)
 
 
 def _chunks(command: Command, manifest: Manifest, first: int, last: int) -> Float32Array:
@@ -121,8 +123,8 @@ def _chunks(command: Command, manifest: Manifest, first: int, last: int) -> Floa
         (chunks, 4C) rows x, y, vx, vy relative to the first position of chunk `first`; `command_ahead` chunks more
         than asked for. Past its end the command is held at rest.
     """
-    chunk = manifest.chunk
-    part = slice(first * chunk, (last + manifest.command_ahead) * chunk)
+    chunk = manifest.one_pan.chunk
+    part = slice(first * chunk, (last + manifest.one_pan.command_ahead) * chunk)
     position, velocity = command.position[part], command.velocity[part]
     samples = len(position)
     origin = command.position[min(part.start, len(command) - 1)]

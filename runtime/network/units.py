@@ -68,8 +68,53 @@ FULL_LIFT = 0.02
 LEAST_FRICTION = 0.05
 """Coefficient that smaller ones are told as."""
 
+USUAL_GRAVITY = 15.0
+"""Gravity, in the network's units, whose logarithm is told as 0."""
+
 CONDITIONS = 10
 """Number of the conditions."""
+
+
+WINDOW = 12
+"""Encoder chunks that are read at once: as many as the longest command trained on has."""
+
+UNREAD = 4
+"""Encoder chunks at the end of a window that are read and planned again with the next."""
+
+OBSERVED = 10 * len(SEEN_ROWS) + 3 + 4 * len(AHEAD_ROWS) + CONDITIONS + 1
+"""Width of what the decoder is given in one row.
+
+16 rows of 10 of SEEN_ROWS: pan x, y, z, vx, vy, vz, object x, y, vx, vy, the object's position relative to where the
+command is now; the last acceleration (3); 40 rows (x, y, vx, vy) of the command at AHEAD_ROWS, the position relative to
+now's; the conditions; and the samples executed since the decoder was asked before, over CHUNK, 1 the first time.
+"""
+
+READ = 4 * len(ENCODER_ROWS) + CONDITIONS
+"""Width of what the encoder is given of each of its chunks: rows (x, y, vx, vy) of the command at ENCODER_ROWS, the
+position relative to where the window begins, and the conditions."""
+
+
+@dataclass(frozen=True)
+class Constants:
+    """The numbers of this module, which a bundle's manifest repeats: all networks for every pan have them in common."""
+
+    chunk: int = CHUNK
+    encoder_chunk: int = ENCODER_CHUNK
+    encoder_rows: tuple[int, ...] = ENCODER_ROWS
+    seen_rows: tuple[int, ...] = SEEN_ROWS
+    ahead_rows: tuple[int, ...] = AHEAD_ROWS
+    window: int = WINDOW
+    unread: int = UNREAD
+    reach: float = REACH
+    acceleration: float = ACCELERATION
+    weight_kept: float = WEIGHT_KEPT
+    least_jerk: float = LEAST_JERK
+    largest_jerk: float = LARGEST_JERK
+    largest_height: float = LARGEST_HEIGHT
+    largest_speed: float = LARGEST_SPEED
+    full_lift: float = FULL_LIFT
+    least_friction: float = LEAST_FRICTION
+    conditions: int = CONDITIONS
 
 
 @dataclass(frozen=True)
@@ -173,7 +218,7 @@ class Situation(NamedTuple):
         weight = self.gravity / ACCELERATION
         return np.stack(
             [
-                np.log(self.gravity / 15.0),
+                np.log(self.gravity / USUAL_GRAVITY),
                 self.lift,
                 self.height / 0.1,
                 np.log(self.jerk / 5_000.0) / 1.5,

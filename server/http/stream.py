@@ -181,22 +181,25 @@ async def _follow(socket: WebSocket, service: Service, planner: Planner) -> None
     job = to_job(request, command, manifest, settings)
     following = planner.stream(job.command, job.friction, limits=job.limits, start=job.start)
     model = {"name": manifest.name, "sha256": planner.bundle.sha256}
-    opened = {"format": STREAM_FORMAT, "chunk": manifest.chunk, "dt": manifest.dt, "model": model}
+    chunk = manifest.one_pan.chunk
+    opened = {"format": STREAM_FORMAT, "chunk": chunk, "dt": manifest.dt, "model": model}
     await socket.send_text(orjson.dumps(opened).decode())
 
     limit, expected = RateLimit(settings.stream_rate), 0
     while True:
-        received = _read_input(await _receive(socket, settings.stream_idle), settings.max_samples, manifest.chunk)
+        received = _read_input(
+            await _receive(socket, settings.stream_idle), settings.max_samples, manifest.one_pan.chunk
+        )
         limit.check()
         if received.step.sequence != expected:
             raise Problem("invalid", f"step {expected} is expected", "sequence")
-        chunk = received.advance(following)
+        answer = received.advance(following)
         service.metrics.chunks.inc()
         expected = (expected + 1) % (1 << 32)
         if request.packed:
-            await socket.send_bytes(pack_chunk(chunk))
+            await socket.send_bytes(pack_chunk(answer))
         else:
-            await socket.send_text(orjson.dumps(chunk._asdict(), option=orjson.OPT_SERIALIZE_NUMPY).decode())
+            await socket.send_text(orjson.dumps(answer._asdict(), option=orjson.OPT_SERIALIZE_NUMPY).decode())
 
 
 async def _receive(socket: WebSocket, idle: float) -> str | bytes:

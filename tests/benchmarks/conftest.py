@@ -13,7 +13,7 @@ import torch
 from export.float_graphs import decoder_step_graph, encoder_graph
 from export.graph_builder import OPSET
 from runtime.friction import Friction
-from runtime.network.manifest import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest
+from runtime.network.manifest import DECODER_STEP, ENCODER, MANIFEST_FILE, GraphFile, Manifest, OnePan
 from runtime.physics.law import DT
 from train.network.model import Seq2Seq
 
@@ -37,14 +37,11 @@ def write_bundle(folder: Path, units: int = UNITS, command_ahead: int = 2) -> Pa
         precision="fp32",
         opset=OPSET,
         graphs=graphs,
-        chunk=100,
+        network=OnePan(100, command_ahead, ACCELERATION_BOUND, 0.2),
         dt=DT,
         layers=2,
         units=units,
-        command_ahead=command_ahead,
-        acceleration_bound=ACCELERATION_BOUND,
         friction=Friction(),
-        pan_limit=0.2,
         trained_on={
             "static": (0.4, 1.5),
             "kinetic": (0.2, 0.8),

@@ -69,7 +69,7 @@ def test_shipped_networks_are_described_as_they_are() -> None:
     default = re.search(r"\| `default` \| (\d+) units", page)
     assert default is not None
     assert int(default[1]) == MANIFEST.units
-    assert f"chunks of C samples ({MANIFEST.chunk} ms)" in flat(read("docs/architecture.md"))
+    assert f"chunks of C samples ({MANIFEST.one_pan.chunk} ms)" in flat(read("docs/architecture.md"))
 
 
 def test_training_configurations_are_described_as_they_are() -> None:

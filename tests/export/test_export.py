@@ -58,7 +58,7 @@ def test_manifest_says_how_the_bundle_was_made(run, tmp_path):
     export_bundle(run, tmp_path / "bundle")
     manifest = Bundle.load(tmp_path / "bundle").manifest
     config = load_config("smoke")
-    assert (manifest.name, manifest.units, manifest.chunk) == ("smoke", config.units, config.chunk)
+    assert (manifest.name, manifest.units, manifest.one_pan.chunk) == ("smoke", config.units, config.chunk)
     assert manifest.training["configuration"] == config.model_dump(mode="json")
     assert manifest.trained_on["static"] == config.static_range
     assert set(manifest.evaluation) == {f"{name}_{what}" for name in config.families for what in ("tracking", "reach")}
@@ -153,7 +153,7 @@ def test_bundle_is_replaced_by_a_new_one_and_nothing_else_is_left(run, tmp_path)
         "encoder.onnx",
         "manifest.json",
     ]
-    assert json.loads((tmp_path / "bundle" / "manifest.json").read_text())["format"] == "slide-bundle/1"
+    assert json.loads((tmp_path / "bundle" / "manifest.json").read_text())["format"] == "slide-bundle/2"
 
 
 def test_a_link_to_a_bundle_stays_a_link(tmp_path):

@@ -7,10 +7,27 @@ import onnxruntime
 import pytest
 import torch
 
-from export.general_graphs import OBSERVED, general_decoder_step_graph, general_encoder_graph
+from export.general_graphs import general_decoder_step_graph, general_encoder_graph
+from export.verify import VerificationError, verify_answers
+from export.write_bundle import export_bundle
+from runtime.network.bundle import Bundle
 from runtime.network.onnx_check import check_graph
-from runtime.network.units import AHEAD, AHEAD_ROWS, CHUNK, ENCODER_CHUNK, ENCODER_ROWS, SEEN_ROWS, Situation
+from runtime.network.units import (
+    AHEAD,
+    AHEAD_ROWS,
+    CHUNK,
+    ENCODER_CHUNK,
+    ENCODER_ROWS,
+    OBSERVED,
+    SEEN_ROWS,
+    Constants,
+    Situation,
+)
+from train.config import load_config
 from train.general.network import GeneralNetwork, Told, observe
+from train.general.recipe import VALIDATED, load_network
+from train.learn.trainer import Trainer
+from train.network.checkpoint import load_checkpoint
 
 
 @pytest.mark.parametrize("height", [0.0, 0.1])
@@ -43,8 +60,7 @@ def test_graphs_do_what_the_network_does(height):
     parts = [seen.reshape(batch, -1), last, later.reshape(batch, -1), conditions, np.full((batch, 1), 0.5)]
     observation = np.concatenate(parts, axis=1).astype(np.float32)
     assert observation.shape == (batch, OBSERVED)
-    bounds = np.stack([situation.floor, situation.lift], axis=1).astype(np.float32)
-    found = decoder.run(None, {"observation": observation, "bounds": bounds, "hidden": hidden, "cell": cell})
+    found = decoder.run(None, {"observation": observation, "hidden": hidden, "cell": cell})
     with torch.no_grad():
         tensors = [torch.from_numpy(part) for part in (states, ahead, last)]
         wanted, after = network.step(observe(tensors[0], tensors[1], tensors[2], told, 0.5), told, state)
@@ -53,3 +69,36 @@ def test_graphs_do_what_the_network_does(height):
     np.testing.assert_allclose(found[2], after.cell, atol=1e-5)
     assert np.linalg.norm(found[0], axis=-1).max() > 20.0
     assert bool(found[0][..., 2].any()) == (height > 0.0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """An untrained run whose answers are large."""
+    folder = tmp_path_factory.mktemp("run")
+    trainer = Trainer(load_config("general_smoke"), folder)
+    with torch.no_grad():
+        trainer.evaluated_model().output.weight *= 20
+    trainer.save()
+    return folder
+
+
+def test_run_is_exported_as_a_bundle_that_answers_alike(run, tmp_path):
+    agreement = export_bundle(run, tmp_path / "bundle").agreement
+    assert agreement.questions > 20
+    assert 0.0 < agreement.acceleration < 1e-5
+    manifest = Bundle.load(tmp_path / "bundle").manifest
+    config = load_config("general_smoke")
+    assert (manifest.kind, manifest.network, manifest.units) == ("general", Constants(), config.units)
+    assert manifest.training["configuration"] == config.model_dump(mode="json")
+    assert manifest.trained_on["jerk"] == config.jerk
+    assert manifest.trained_on["reach"] == (0.0, 1.5)
+    assert set(manifest.evaluation) == {f"{name}_{what}" for name in VALIDATED for what in ("tracking", "reach")}
+
+
+def test_bundle_that_answers_otherwise_is_refused(run, tmp_path):
+    export_bundle(run, tmp_path / "bundle")
+    _, network = load_network(load_checkpoint(run))
+    with torch.no_grad():
+        network.output.bias[3] += 0.001
+    with pytest.raises(VerificationError, match="answers of the bundle"):
+        verify_answers(network, tmp_path / "bundle")

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from runtime import Friction, Limits, Planner, Start
+from runtime.network.bundle import widths_of
 
 RECORDED = Path(__file__).parents[1] / "data" / "recorded.npz"
 
@@ -46,7 +47,7 @@ def streamed(planner: Planner) -> dict[str, np.ndarray]:
     """Closed loops in which much goes wrong: noise, pushes, gaps, another command, a pan outside, a stop."""
     rng = np.random.default_rng(5)
     stream = planner.stream(loop(1500, 1.2), Friction(0.9, 0.45))
-    chunk = planner.bundle.manifest.chunk
+    chunk = planner.bundle.manifest.one_pan.chunk
     given, pan, sliding = [], np.zeros((chunk, 4)), np.zeros((chunk, 4))
     for n in range(24):
         if n == 9:
@@ -72,9 +73,9 @@ def streamed(planner: Planner) -> dict[str, np.ndarray]:
 def network(planner: Planner) -> np.ndarray:
     """Return what the network computes from one observation: what makes one machine's plans another's."""
     bundle, manifest = planner.bundle, planner.bundle.manifest
-    rng = np.random.default_rng(1)
-    memory = bundle.encode(rng.normal(0.0, 0.1, (2, 3, 4 * manifest.chunk)).astype(np.float32))
-    observation = rng.normal(0.0, 0.1, (2, (8 + 4 * manifest.command_ahead) * manifest.chunk)).astype(np.float32)
+    rng, widths = np.random.default_rng(1), widths_of(manifest)
+    memory = bundle.encode(rng.normal(0.0, 0.1, (2, 3, widths.command)).astype(np.float32))
+    observation = rng.normal(0.0, 0.1, (2, widths.observation)).astype(np.float32)
     u, memory = bundle.decode_step(observation, memory)
     return np.concatenate([u.ravel(), memory.hidden.ravel(), memory.cell.ravel()])
 

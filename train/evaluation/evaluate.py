@@ -76,7 +76,7 @@ def load_subject(source: Path, name: str = "") -> Subject:
             return planner.plan_batch(list(position), friction)
 
         origin = f"{_origin_of(manifest)}; limits in force"
-        return Subject(name, plan_by_bundle, planner.stream, manifest.chunk, origin)
+        return Subject(name, plan_by_bundle, planner.stream, manifest.one_pan.chunk, origin)
 
     checkpoint = load_checkpoint(source)
     config, model = load_model(checkpoint)

@@ -17,15 +17,9 @@ from numpy.typing import NDArray
 from runtime.command import command_velocity
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.network.units import AHEAD, CHUNK, ENCODER_CHUNK, Situation, Units
+from runtime.network.units import AHEAD, CHUNK, ENCODER_CHUNK, UNREAD, WINDOW, Situation, Units
 from runtime.physics.law import DT, GRAVITY, slide_step_batch
 from train.general.network import GeneralNetwork, Told, observe
-
-WINDOW = 12
-"""Encoder chunks that are read at once: as many as the longest command trained on has."""
-
-UNREAD = 4
-"""Encoder chunks at the end of a window that are read and planned again with the next."""
 
 
 class PanLimits(NamedTuple):

@@ -115,18 +115,18 @@ def build_network(config: GeneralConfig) -> GeneralNetwork:
     return GeneralNetwork(config.units, config.layers, config.features)
 
 
-def load_network(checkpoint: dict[str, Any]) -> GeneralNetwork:
-    """Return the network of a checkpoint, as read by `load_checkpoint`, to evaluate.
+def load_network(checkpoint: dict[str, Any]) -> tuple[GeneralConfig, GeneralNetwork]:
+    """Return a checkpoint's configuration and the network to evaluate or export.
 
     Raises:
         InputError: it is a network of another kind.
     """
     config = read_config(checkpoint["config"])
     if not isinstance(config, GeneralConfig):
-        raise InputError(f"{config.name} is a network for one pan: evaluate it with slide-eval")
+        raise InputError(f"{config.name} is a network for one pan, and this works with networks for every pan")
     network = build_network(config)
     network.load_state_dict(weights_to_use(checkpoint, config))
-    return network.eval()
+    return config, network.eval()
 
 
 def validation_trajectories(

@@ -12,9 +12,10 @@ import onnx
 import onnxruntime
 import pytest
 
-from runtime import BundleError, Friction
+from runtime import BundleError, Friction, InputError
 from runtime.network.bundle import SHIPPED, Bundle
-from runtime.network.manifest import BUNDLE_FORMAT, Manifest
+from runtime.network.manifest import BUNDLE_FORMAT, GENERAL, TRAINED_ON, Manifest, OnePan
+from runtime.network.units import Constants
 
 MakeBundle = Callable[..., Path]
 
@@ -27,7 +28,7 @@ def manifest_of(path: Path) -> dict[str, Any]:
 def test_bundle_says_what_its_manifest_says(bundle_path: Path) -> None:
     bundle = Bundle.load(bundle_path)
     manifest = bundle.manifest
-    assert (manifest.name, manifest.chunk, manifest.units, manifest.layers) == ("tiny", 100, 8, 2)
+    assert (manifest.name, manifest.one_pan.chunk, manifest.units, manifest.layers) == ("tiny", 100, 8, 2)
     assert manifest.friction == Friction(1.0, 0.5)
     assert manifest.trained_on["reach"] == (0.0, 0.13)
     assert bundle.sha256 == hashlib.sha256((bundle_path / "manifest.json").read_bytes()).hexdigest()
@@ -56,22 +57,46 @@ def test_manifest_comes_back_the_same(bundle_path: Path) -> None:
         "sizes": {"pan_radius": 0.18, "object_radius": 0.03},
         "trained_on": document["trained_on"] | usual,
     }
-    assert manifest.to_dict() == document | absent
+    names = ("chunk", "command_ahead", "acceleration_bound", "pan_limit")
+    moved = {"format": BUNDLE_FORMAT, "network": {"kind": "one-pan"} | {name: document.pop(name) for name in names}}
+    assert manifest.to_dict() == document | absent | moved
     tight = document | {
         "limits": {"pan_reach": 0.1, "acceleration": 20.0, "jerk": 5000.0},
         "sizes": {"pan_radius": 0.14, "object_radius": 0.02},
         "trained_on": document["trained_on"] | {"start_speed": [0.0, 0.1], "corner": [0.0, 0.5]},
     }
+    tight |= moved
     assert Manifest.from_dict(tight).to_dict() == tight
     assert Manifest.from_dict(json.loads(json.dumps(manifest.to_dict()))) == manifest
-    assert document["format"] == BUNDLE_FORMAT == "slide-bundle/1"
+    assert (document["format"], BUNDLE_FORMAT) == ("slide-bundle/1", "slide-bundle/2")
+
+
+def test_manifest_of_a_network_for_every_pan_comes_back_the_same(bundle_path: Path) -> None:
+    manifest = Manifest.from_dict(manifest_of(bundle_path))
+    trained_on = dict.fromkeys(TRAINED_ON[GENERAL], (0.0, 1.0))
+    general = dataclasses.replace(manifest, network=Constants(), trained_on=trained_on)
+    document = json.loads(json.dumps(general.to_dict()))
+    assert document["network"]["kind"] == "general"
+    assert Manifest.from_dict(document) == general
+    with pytest.raises(InputError, match="is a network for every pan"):
+        _ = general.one_pan
+    for network, message in [
+        (document["network"] | {"chunk": 100}, "network.chunk must be 64, which this version works with, got 100"),
+        (document["network"] | {"seen_rows": [1, 2]}, "network.seen_rows must be"),
+        (document["network"] | {"kind": "both"}, "network.kind must be 'one-pan' or 'general', got 'both'"),
+        (document["network"] | {"colour": 1}, "network: unknown key 'colour'"),
+        ({"kind": "general"}, "network: missing key 'chunk'"),
+        (None, "network.kind must be"),
+    ]:
+        with pytest.raises(BundleError, match=message):
+            Manifest.from_dict(document | {"network": network})
 
 
 def test_manifest_that_could_not_be_read_is_not_written(bundle_path: Path) -> None:
     manifest = Manifest.from_dict(manifest_of(bundle_path))
     for changes, message in [
-        ({"chunk": 0}, "chunk must be a whole number"),
-        ({"pan_limit": float("nan")}, "pan_limit: nan is not a finite number"),
+        ({"network": OnePan(0, 2, None, 0.2)}, "network.chunk must be a whole number"),
+        ({"network": OnePan(100, 2, None, float("nan"))}, "network.pan_limit: nan is not a finite number"),
         ({"trained_on": {"reach": (0.0, 0.1)}}, "trained_on: missing key 'static'"),
     ]:
         with pytest.raises(BundleError, match=message):
@@ -81,7 +106,7 @@ def test_manifest_that_could_not_be_read_is_not_written(bundle_path: Path) -> No
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("format", "slide-bundle/2", "format must be 'slide-bundle/1', got 'slide-bundle/2'"),
+        ("format", "slide-bundle/3", "format must be 'slide-bundle/2', got 'slide-bundle/3': export it again with"),
         ("format", ..., "format must be"),
         ("name", ..., "missing key 'name'"),
         ("name", "a\nb", "name must be printable text"),

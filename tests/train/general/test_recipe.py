@@ -74,7 +74,7 @@ def test_it_learns_to_follow_where_pans_are_slippery():
 
 def test_network_is_read_from_its_checkpoint_and_from_no_other(smoke_run, tmp_path):
     folder, trainer, _ = smoke_run
-    network = load_network(load_checkpoint(folder))
+    _, network = load_network(load_checkpoint(folder))
     for name, weight in trainer.evaluated_model().state_dict().items():
         assert torch.equal(weight, network.state_dict()[name])
     with pytest.raises(InputError, match="for every pan"):
