@@ -34,6 +34,7 @@ ROOMS = [
     "sizes",
     "physics",
     "measured",
+    "observe",
     "safety",
     "commands",
     "command",
