@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[1]
 WIDTH = 100
 """Columns of a help text: what fits beside the page's menus."""
 
-PROGRAM = re.compile(r"^<!-- program: (slide-[a-z]+) -->$", flags=re.MULTILINE)
+PROGRAM = re.compile(r"^<!-- program: (slide-[a-z-]+) -->$", flags=re.MULTILINE)
 SCHEMA = re.compile(r"^<!-- schema: ([A-Za-z]+) -->$", flags=re.MULTILINE)
 FOLDERS = re.compile(r"^<!-- folders: ([a-z]+) -->$", flags=re.MULTILINE)
 

@@ -25,6 +25,7 @@ PROGRAMS = {
     "slide-info",
     "slide-joints",
     "slide-plan",
+    "slide-plan-many",
     "slide-run",
     "slide-serve",
     "slide-train",

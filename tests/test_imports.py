@@ -46,6 +46,7 @@ ROOMS = [
     "plan",
     "stream",
     "planner",
+    "many",
     "report",
     "client",
     "arms",

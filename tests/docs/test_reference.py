@@ -14,6 +14,7 @@ import pytest
 import runtime
 import runtime.client
 from runtime import Plan, Planner, SlideError, Status, StreamStatus
+from runtime.many.shard import plans_table
 from server.app import create_app
 from server.settings import Settings
 
@@ -104,6 +105,14 @@ def test_table_of_a_plan_has_the_columns_that_are_listed() -> None:
     rows = re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE)
     listed = [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
     assert listed == example_plan().to_csv().partition("\n")[0].split(",")
+
+
+def test_columns_of_many_plans_are_listed() -> None:
+    pytest.importorskip("pyarrow")
+    table = section("reference/formats.md", "Many plans")
+    rows = re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE)
+    listed = [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
+    assert listed == plans_table([], states=True).column_names
 
 
 def test_manifest_keys_are_those_of_a_bundle() -> None:

@@ -20,6 +20,8 @@ MORE_IN = {
     "runtime/outputs/frame.py": {"pandas"},
     "runtime/outputs/plot.py": {"matplotlib"},
     "runtime/plan.py": {"pandas", "matplotlib"},  # names of types
+    "runtime/many": {"pyarrow"},
+    "runtime/many/workers.py": {"ray"},
     "runtime/client": {"websockets", "httpx"},
     "runtime/physics/compiled.py": {"numba"},
 }

@@ -1,0 +1,157 @@
+"""The folder of many plans: what it was begun with, what of it is done, and what came of it."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from runtime.documents.files import parse_json, read_bytes, read_text, reading
+from runtime.documents.writing import write_whole
+from runtime.errors import InputError, OutputError
+from runtime.many.records import SHARD_BYTES, Source
+from runtime.many.shard import BATCH_COMMANDS, BATCH_SAMPLES, TEMPORARY, Task
+from runtime.quality import Status
+from runtime.version import __version__
+
+FORMAT = "slide-plans/1"
+
+DESCRIPTION = "plans.json"
+"""File that says what a folder was begun with."""
+
+LOCK = ".lock"
+
+PACKAGES = ("numpy", "onnxruntime", "pyarrow", "numba")
+"""What the last bits of a plan depend on, besides the processor."""
+
+SHOWN = 5
+"""Failures that are shown; all of them are in the failures' files."""
+
+
+class Outcome(NamedTuple):
+    """How many plans have a status, and the median of their tracking RMSE (m)."""
+
+    status: Status
+    plans: int
+    tracking_rmse: float
+
+
+def describe(source: Source, task: Task, commands: int) -> dict[str, Any]:
+    """Return what plans are made of and how, in shards of so many commands: where it is the same, so are they."""
+    return {
+        "format": FORMAT,
+        "input": {"kind": source.kind, "commands": source.count, "sha256": source.fingerprint()},
+        "model": {"name": task.bundle.name, "sha256": task.sha256},
+        "reading": {name: value for name, value in vars(task.reading).items() if value is not None},
+        "friction": task.friction.to_dict(),
+        "limits": task.limits.to_dict(),
+        "sizes": task.sizes.to_dict(),
+        "tolerance": task.tolerance,
+        "states": task.states,
+        "compiled": task.compiled,
+        "shards": {"commands": commands, "bytes": SHARD_BYTES},
+        "batches": {"commands": BATCH_COMMANDS, "samples": BATCH_SAMPLES},
+        "versions": {"slide-planner": __version__, **{name: _version(name) for name in PACKAGES}},
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Make a folder and hold it against other runs; what killed processes left half written is removed.
+
+    Raises:
+        OutputError: it cannot be made, or another run writes it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / LOCK).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise OutputError(f"{folder}: another run is writing it") from None
+            _sweep(folder)
+            yield
+            _sweep(folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+
+
+def _sweep(folder: Path) -> None:
+    for left in folder.glob(f".*{TEMPORARY}"):
+        left.unlink(missing_ok=True)
+
+
+def begin(folder: Path, description: Mapping[str, Any]) -> bool:
+    """Write down what a folder is begun with, or compare it with what it was begun with.
+
+    Returns:
+        Whether it was begun before.
+
+    Raises:
+        InputError: it was begun with something else, which is named, or it holds other files.
+        OutputError: it cannot be written.
+    """
+    path = folder / DESCRIPTION
+    description = json.loads(json.dumps(description))
+    if path.exists():
+        with reading(str(path)):
+            before = parse_json(read_text(read_bytes(path)))
+        for name in {**before, **description} if isinstance(before, dict) else description:
+            was, now = (each.get(name) if isinstance(each, dict) else None for each in (before, description))
+            if was != now:
+                raise InputError(
+                    f"{folder} was begun with another {name}: {json.dumps(was)}, and not {json.dumps(now)}; give the "
+                    "same again, or another folder"
+                )
+        return True
+    if any(not file.name.startswith(".") for file in folder.iterdir()):
+        raise InputError(f"{folder}: there are files in it, and no {DESCRIPTION}: give another folder")
+    write_whole(path, json.dumps(description, indent=2).encode() + b"\n")
+    return False
+
+
+def done_shards(folder: Path) -> set[int]:
+    """Return the numbers of the shards that are written."""
+    return {int(file.stem.removeprefix("plans-")) for file in folder.glob("plans-[0-9]*.parquet")}
+
+
+def outcomes(folder: Path) -> list[Outcome]:
+    """Return what came of all commands that have a plan, best status first."""
+    from pyarrow import parquet
+
+    errors: dict[str, list[Any]] = {}
+    for file in sorted(folder.glob("plans-[0-9]*.parquet")):
+        table = parquet.read_table(file, columns=["status", "tracking_rmse"])
+        statuses, values = np.array(table["status"].to_pylist()), table["tracking_rmse"].to_numpy()
+        for status in set(statuses.tolist()):
+            errors.setdefault(status, []).append(values[statuses == status])
+    found = {name: np.concatenate(parts) for name, parts in errors.items()}
+    return [
+        Outcome(status, len(found[status]), float(np.median(found[status]))) for status in Status if status in found
+    ]
+
+
+def failures(folder: Path) -> tuple[int, list[str]]:
+    """Return how many commands have no plan, and the place and reason of the first few."""
+    from pyarrow import parquet
+
+    count, first = 0, list[str]()
+    for file in sorted(folder.glob("failures-[0-9]*.parquet")):
+        table = parquet.read_table(file)
+        count += len(table)
+        rows = table.slice(0, max(0, SHOWN - len(first))).to_pylist()
+        first += [f"{row['place']}: {row['reason']}" for row in rows]
+    return count, first

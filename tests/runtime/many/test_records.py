@@ -1,0 +1,163 @@
+"""Many commands as they are found: what an input is, whether it fits, and how it is cut."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from runtime import Friction, InputError, Limits, Reading
+from runtime.many.records import Source, open_source, read, reason
+
+pyarrow = pytest.importorskip("pyarrow")
+parquet = pytest.importorskip("pyarrow.parquet")
+
+LINE = [[0.001 * n, 0.0] for n in range(50)]
+
+
+def write_rows(path: Path, **columns: Any) -> Path:
+    parquet.write_table(pyarrow.table(columns), path)
+    return path
+
+
+def write_lines(path: Path, *documents: Any) -> Path:
+    path.write_text("".join(f"{each if isinstance(each, str) else json.dumps(each)}\n" for each in documents))
+    return path
+
+
+def places(source: Source) -> list[str]:
+    return [record.place for record in source.records()]
+
+
+def test_folder_of_files_is_taken_by_name_and_hidden_files_are_not(tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    for name in ("b/2.csv", "b/10.csv", "a.csv", ".hidden.csv"):
+        (tmp_path / name).write_text("t,x,y\n0,0,0\n0.1,0.01,0\n")
+    source = open_source(tmp_path)
+    assert (source.kind, source.count) == ("command files", 3)
+    assert places(source) == ["a.csv", "b/10.csv", "b/2.csv"]
+
+
+def test_folder_of_parquet_files_is_one_data_set(tmp_path: Path) -> None:
+    for name, count in (("1.parquet", 2), ("0.parquet", 1)):
+        write_rows(tmp_path / name, position=[LINE] * count, camera=["front"] * count)
+    source = open_source(tmp_path)
+    assert (source.count, source.passed) == (3, ("camera",))
+    assert places(source) == ["0.parquet, row 0", "1.parquet, row 0", "1.parquet, row 1"]
+
+
+def test_parquet_file_with_a_row_for_each_sample_is_one_command(tmp_path: Path) -> None:
+    write_rows(tmp_path / "a.parquet", t=[0.0, 0.1], x=[0.0, 0.01], y=[0.0, 0.0])
+    source = open_source(tmp_path)
+    assert source.kind == "command files"
+    assert len(read(next(source.records()), Reading()).command) == 101
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_rows_bring_times_friction_and_limits(tmp_path: Path, fixed: bool) -> None:
+    limits = Limits().to_dict()
+    kind = pyarrow.list_(pyarrow.list_(pyarrow.float32(), 2) if fixed else pyarrow.list_(pyarrow.float64()))
+    path = write_rows(
+        tmp_path / "a.parquet",
+        position=pyarrow.array([[[0.0, 0.0], [0.05, 0.025]], LINE], kind),
+        t=[[0.0, 1.0], None],
+        friction=[{"static": 0.5, "kinetic": 0.25}, None],
+        limits=pyarrow.array([None, list(limits.values())], pyarrow.list_(pyarrow.float64())),
+    )
+    first, second = (read(record, Reading()) for record in open_source(path).records())
+    assert (len(first.command), first.friction, first.limits) == (1001, Friction(0.5, 0.25), None)
+    assert (len(second.command), second.friction, second.limits) == (50, None, Limits())
+    np.testing.assert_allclose(second.command.position, LINE, atol=1e-8)
+
+
+def test_lines_bring_friction_and_options_of_reading(tmp_path: Path) -> None:
+    path = write_lines(
+        tmp_path / "a.ndjson",
+        {"dt": 0.001, "position": LINE, "friction": {"static": 0.5, "kinetic": 0.25}},
+        "",
+        {"t": [0, 1], "position": [[0, 0], [50, 0]], "scale": 0.001},
+    )
+    source = open_source(path)
+    assert (source.count, places(source)) == (2, ["a.ndjson, line 1", "a.ndjson, line 3"])
+    first, second = (read(record, Reading()) for record in source.records())
+    assert first.friction == Friction(0.5, 0.25)
+    assert second.command.reach == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"way": [LINE]}, "there is no column 'position'"),
+        ({"position": [[1.0, 2.0]]}, "column 'position' must be a list of pairs"),
+        ({"position": ["[[0, 0]]"]}, "column 'position' must be a list of pairs"),
+        ({"position": [LINE], "t": [0.5]}, "column 't' must be a list of times"),
+        ({"position": [LINE], "friction": [0.5]}, "column 'friction' must be a struct of static, kinetic"),
+        ({"position": [LINE], "limits": [{"reach": 0.1}]}, "column 'limits' must be a struct of pan_reach"),
+    ],
+)
+def test_schema_that_does_not_fit_is_refused_with_its_column(tmp_path: Path, columns: Any, said: str) -> None:
+    write_rows(tmp_path / "0.parquet", position=[LINE])
+    path = write_rows(tmp_path / "1.parquet", **columns)
+    with pytest.raises(InputError) as refused:
+        open_source(tmp_path)
+    assert str(refused.value).startswith(f"{path}: {said}")
+
+
+def test_what_is_no_input_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "mixed").mkdir()
+    write_rows(tmp_path / "mixed" / "a.parquet", position=[LINE])
+    (tmp_path / "mixed" / "b.csv").write_text("t,x,y\n0,0,0\n")
+    (tmp_path / "torn.parquet").write_bytes(b"PAR1")
+    write_lines(tmp_path / "list.ndjson", [1, 2])
+    write_lines(tmp_path / "none.ndjson")
+    (tmp_path / "one.csv").write_text("t,x,y\n0,0,0\n")
+    write_rows(
+        tmp_path / "rowless.parquet", position=pyarrow.array([], pyarrow.list_(pyarrow.list_(pyarrow.float64())))
+    )
+    for name, said in {
+        "empty": "there are no files",
+        "mixed": "is no Parquet file",
+        "torn.parquet": "not a readable Parquet file",
+        "list.ndjson": "a line must be a JSON object",
+        "none.ndjson": "there are no lines",
+        "one.csv": "a single command is planned by slide-plan",
+        "rowless.parquet": "there are no rows",
+        "absent": "there is no such file",
+    }.items():
+        with pytest.raises(InputError, match=said):
+            open_source(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ({"position": None}, "missing key 'position'"),
+        ({"position": [[0.0, 0.0], [0.1]]}, "position[1] must be a pair of numbers [x, y], got [0.1]"),
+        ({"position": [[0.0, None], [0.1, 0.0]]}, "position[0], column y must be a number, got None"),
+        ({"position": [[0.0, float("nan")], [0.1, 0.0]]}, "position[0], column y: nan is not a finite number"),
+        ({"position": [[0.0, 0.0], [0.1, 0.0]], "t": [0.0]}, "t has 1 rows, position has 2"),
+        ({"position": LINE, "friction": {"static": 0.2, "kinetic": 0.5}}, "kinetic friction 0.5 must not exceed"),
+    ],
+)
+def test_row_that_is_no_command_says_why_and_not_where(tmp_path: Path, row: dict[str, Any], said: str) -> None:
+    rows = pyarrow.list_(pyarrow.list_(pyarrow.float64()))
+    columns = {name: pyarrow.array([value], rows) if name == "position" else [value] for name, value in row.items()}
+    record = next(open_source(write_rows(tmp_path / "a.parquet", **columns)).records())
+    with pytest.raises(InputError) as refused:
+        read(record, Reading())
+    assert said in reason(record, refused.value)
+    assert "a.parquet" not in reason(record, refused.value)
+
+
+def test_shards_are_cut_by_number_and_by_size(tmp_path: Path) -> None:
+    path = write_lines(tmp_path / "a.ndjson", *[{"dt": 0.001, "position": LINE}] * 7)
+    assert [len(shard.records) for shard in open_source(path).shards(3)] == [3, 3, 1]
+    for n in range(3):
+        with (tmp_path / f"{n}.csv").open("wb") as file:
+            file.truncate(1 << 26)
+    path.unlink()
+    assert [len(shard.records) for shard in open_source(tmp_path).shards()] == [1, 1, 1]
