@@ -19,7 +19,8 @@ run: $(VENV)/base.stamp ## plan a figure eight, run it, and write out/plan.json 
 demo-arm: $(VENV)/arm.stamp ## plan, execute on the simulated arm in closed loop, and write out/arm.mp4 and out/arm.html
 	@mkdir -p out
 	$(BIN)/slide-plan examples/figure_eight.csv -o out/plan.json
-	$(BIN)/slide-run out/plan.json --pybullet --closed-loop --video out/arm.mp4 --report out/arm.html
+	@echo "the arm in $$(cat $(VENV)/arm.stamp)"
+	$(BIN)/slide-run out/plan.json --simulator $$(cat $(VENV)/arm.stamp) --closed-loop --video out/arm.mp4 --report out/arm.html
 
 serve: $(VENV)/server.stamp ## serve plans and the page on http://127.0.0.1:8000
 	$(BIN)/slide-serve
@@ -59,8 +60,11 @@ $(VENV)/base.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@
 
 $(VENV)/arm.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(PIP) --editable '.[pybullet]'
-	@touch $@ $(VENV)/base.stamp
+	@# MuJoCo where it installs and can render, else pybullet; the stamp says which.
+	if $(PIP) --editable '.[mujoco]' && $(BIN)/python -m runtime.arm.mujoco.library; \
+	then echo mujoco > $@; \
+	else $(PIP) --editable '.[pybullet]' && echo pybullet > $@; fi
+	@touch $(VENV)/base.stamp
 
 $(VENV)/server.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[server]'
@@ -68,4 +72,4 @@ $(VENV)/server.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[dev]'
-	@touch $@ $(VENV)/base.stamp $(VENV)/arm.stamp $(VENV)/server.stamp
+	@touch $@ $(VENV)/base.stamp $(VENV)/server.stamp

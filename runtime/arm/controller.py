@@ -35,6 +35,12 @@ where the pan begins, where damping would only be an error of the model."""
 DAMPING = 0.05
 """Damping of a Jacobian that is singular: joint accelerations are at most task accelerations over twice this."""
 
+POSTURE_STIFFNESS = 100.0
+"""Stiffness of the joints of a redundant arm towards their posture, where the pan does not move for it (1/s^2)."""
+
+POSTURE_DAMPING = 20.0
+"""Damping of the same (1/s), critical."""
+
 SPEED_HORIZON = 0.005
 """Time in which a joint beyond its speed limit is brought back to it (s)."""
 
@@ -65,7 +71,7 @@ PAPER_CONTROL = ControlSettings(feed_forward=False, gravity_terms=False)
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Largest torques (N m) and speeds (rad/s) of the joints, each (6,)."""
+    """Largest torques (N m) and speeds (rad/s) of the joints, each (n,)."""
 
     torque: FloatArray
     speed: FloatArray
@@ -75,14 +81,16 @@ class ArmState(NamedTuple):
     """The arm at one sample, measured or from its model.
 
     Attributes:
-        theta_velocity: (6,) joint speeds (rad/s).
+        theta: (n,) joint angles (rad).
+        theta_velocity: (n,) joint speeds (rad/s).
         position: (3,) of the pan's centre in the world (m).
-        rotation: (3, 3) attitude of the hand in the world, of determinant 1.
-        jacobian: (6, 6) from joint speeds to the pan's velocity (m/s) and angular velocity (rad/s) in the world.
-        inertia: (6, 6) M (kg m^2).
-        bias: (6,) h (N m).
+        rotation: (3, 3) attitude of the pan in the world, of determinant 1.
+        jacobian: (6, n) from joint speeds to the pan's velocity (m/s) and angular velocity (rad/s) in the world.
+        inertia: (n, n) M (kg m^2).
+        bias: (n,) h (N m).
     """
 
+    theta: FloatArray
     theta_velocity: FloatArray
     position: FloatArray
     rotation: FloatArray
@@ -96,15 +104,17 @@ class TaskCommand(NamedTuple):
 
     Attributes:
         position: (3,) of the pan's centre in the world (m).
-        rotation: (3, 3) attitude of the hand in the world.
+        rotation: (3, 3) attitude of the pan in the world.
         velocity: (6,) (m/s, rad/s).
         acceleration: (6,) (m/s^2, rad/s^2).
+        posture: (n,) joint angles (rad) that an arm of more than six joints tends to.
     """
 
     position: FloatArray
     rotation: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    posture: FloatArray
 
 
 class Memory(NamedTuple):
@@ -116,7 +126,7 @@ class Memory(NamedTuple):
 
 
 class ControlTick(NamedTuple):
-    """What one tick gives: torques (6,) (N m), what held them back, and what is carried on."""
+    """What one tick gives: torques (n,) (N m), what held them back, and what is carried on."""
 
     torque: FloatArray
     limits: tuple[str, ...]
@@ -128,8 +138,9 @@ def control(
 ) -> ControlTick:
     """Compute the joint torques for one sample (Fig. 7).
 
-    Task acceleration by PD and feed-forward; joint acceleration by the (damped) inverse of the Jacobian; torque by
-    the inertia matrix, the gravity terms and the disturbance observed.
+    Task acceleration by PD and feed-forward; joint acceleration by the (damped) inverse of the Jacobian, the least
+    that does it, and in a redundant arm what draws it to its posture besides; torque by the inertia matrix, the gravity
+    terms and the disturbance observed.
 
     Args:
         command: for this sample.
@@ -144,7 +155,8 @@ def control(
     a = K_P * _pose_error(command, state) + K_D * (command.velocity - state.jacobian @ state.theta_velocity)
     if settings.feed_forward:
         a += command.acceleration - _jacobian_rate(state, memory) @ state.theta_velocity
-    wanted, singular = _solve(state.jacobian, np.clip(a, -TASK_LIMITS, TASK_LIMITS))
+    towards = POSTURE_STIFFNESS * (command.posture - state.theta) - POSTURE_DAMPING * state.theta_velocity
+    wanted, singular = _solve(state.jacobian, np.clip(a, -TASK_LIMITS, TASK_LIMITS), towards)
     theta_acceleration, too_fast = _limit_speed(wanted, state.theta_velocity, limits.speed)
     free = state.inertia @ theta_acceleration + disturbance
     if settings.gravity_terms:
@@ -166,7 +178,7 @@ def _observe(state: ArmState, memory: Memory | None, settings: ControlSettings) 
     differentiates the momentum M dtheta without the term dM/dt, would find a disturbance where there is none.
     """
     if memory is None or not settings.observer:
-        return np.zeros(6)
+        return np.zeros_like(state.theta_velocity)
     before = memory.state
     acceleration = (state.theta_velocity - before.theta_velocity) / DT
     raw = memory.torque - before.inertia @ acceleration
@@ -201,22 +213,30 @@ def rotation_vector(rotation: FloatArray) -> FloatArray:
 
 def _jacobian_rate(state: ArmState, memory: Memory | None) -> FloatArray:
     if memory is None:
-        return np.zeros((6, 6))
+        return np.zeros_like(state.jacobian)
     rate: FloatArray = (state.jacobian - memory.state.jacobian) / DT
     return rate
 
 
-def _solve(jacobian: FloatArray, a: FloatArray) -> tuple[FloatArray, bool]:
+def _solve(jacobian: FloatArray, a: FloatArray, towards: FloatArray) -> tuple[FloatArray, bool]:
     """Solve J x = a, by damped least squares where J is nearly singular (Nakamura and Hanafusa, 1986).
 
+    Args:
+        jacobian: J, (6, n).
+        a: (6,) task accelerations (m/s^2, rad/s^2).
+        towards: (n,) joint accelerations (rad/s^2) of which the part is added that does not move the pan.
+
     Returns:
-        (6,) joint accelerations (rad/s^2), and whether damping acted.
+        (n,) joint accelerations (rad/s^2), and whether damping acted.
     """
     left, singular_values, right = np.linalg.svd(jacobian)
+    kernel, right = right[len(a) :], right[: len(a)]
     smallest = float(singular_values[-1])
     damped = smallest < SINGULAR_FROM
     square = DAMPING**2 * (1.0 - (smallest / SINGULAR_FROM) ** 2) if damped else 0.0
     solution: FloatArray = right.T @ (singular_values / (singular_values**2 + square) * (left.T @ a))
+    if len(kernel):
+        solution += kernel.T @ (kernel @ towards)
     return solution, damped
 
 
@@ -224,7 +244,7 @@ def _limit_speed(wanted: FloatArray, speed: FloatArray, limit: FloatArray) -> tu
     """Cut joint accelerations that would drive a joint past its speed limit.
 
     Returns:
-        (6,) joint accelerations (rad/s^2), and for each joint whether it was cut.
+        (n,) joint accelerations (rad/s^2), and for each joint whether it was cut.
     """
     cut = np.clip(wanted, (-limit - speed) / SPEED_HORIZON, (limit - speed) / SPEED_HORIZON)
     return cut, cut != wanted

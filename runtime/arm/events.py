@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from runtime.arm.engine import Engine
 from runtime.arm.interface import Measured
 from runtime.arm.run import Hook
-from runtime.arm.simulation import SimulatedArm
 from runtime.errors import InputError
 from runtime.friction import MAX_COEFFICIENT
 from runtime.physics.law import DT
@@ -61,14 +61,14 @@ class Event:
             raise InputError(f"--disturb {text!r}: friction must be between 0 and {MAX_COEFFICIENT:g}")
         return cls(kind, time, values)
 
-    def hook(self, arm: SimulatedArm) -> Hook:
-        """Return what lets it happen."""
+    def hook(self, engine: Engine) -> Hook:
+        """Return what lets it happen in a simulated arm's engine."""
         first = round(self.time / DT)
         act: Callable[[], None]
         if self.kind == "push":
-            last, act = first + round(PUSH_DURATION / DT), lambda: arm.push(np.array(self.values))
+            last, act = first + round(PUSH_DURATION / DT), lambda: engine.push(np.array(self.values))
         else:
-            last, act = first + 1, lambda: arm.set_friction(self.values[0])
+            last, act = first + 1, lambda: engine.set_friction(self.values[0])
 
         def hook(k: int, measured: Measured) -> None:
             if first <= k < last:

@@ -59,6 +59,9 @@ HOME_POSITION = (0.65, 0.0, 0.3)
 HOME_PITCH = math.pi / 2
 """Pitch of the hand, the constant of Eq. 29 (rad); the other angles are zero."""
 
+PAN_IN_HAND = ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+"""The pan's attitude in the hand, turned back by `HOME_PITCH`: its columns are the pan's axes, its normal the last."""
+
 TORQUE_LIMITS = (200.0, 200.0, 150.0, 60.0, 60.0, 60.0)
 """Largest torques of the joints (N m)."""
 

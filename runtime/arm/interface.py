@@ -12,9 +12,9 @@ class PanCommand(NamedTuple):
     """Where the pan is to be at t_k, and how it is to be accelerated from t_k to t_(k+1) (Eqs. 3 and 29).
 
     Attributes:
-        position: (2,) horizontal, relative to where the pan began (m).
-        velocity: (2,) (m/s).
-        acceleration: (2,) (m/s^2); height and attitude are to stay as they are.
+        position: (3,) relative to where the pan began (m), z upwards.
+        velocity: (3,) (m/s).
+        acceleration: (3,) (m/s^2); the attitude is to stay as it is.
     """
 
     position: FloatArray
@@ -34,9 +34,8 @@ class Measured(NamedTuple):
     """What an arm measures at one sample.
 
     Attributes:
-        pan: (4,) horizontal position of the pan's centre relative to where it began (m) and velocity (m/s), in the
-            world.
-        height: of the pan's centre above where it began (m).
+        pan: (6,) position of the pan's centre relative to where it began (m) and velocity (m/s), along the axes of the
+            command, z upwards.
         tilt: angle between the pan's attitude and the one commanded (rad).
         sliding: (4,) position (m) and velocity (m/s) of the object in the pan's frame, as a camera gives it.
         status: what has become of the object.
@@ -46,7 +45,6 @@ class Measured(NamedTuple):
     """
 
     pan: FloatArray
-    height: float
     tilt: float
     sliding: FloatArray
     status: ObjectStatus

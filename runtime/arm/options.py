@@ -1,10 +1,11 @@
-"""What `slide-run --pybullet` is told on its command line."""
+"""What `slide-run --simulator` is told on its command line."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from runtime.arm.simulated import Simulator
 from runtime.documents.options import option
 from runtime.errors import InputError
 
@@ -16,6 +17,7 @@ class ArmOptions:
     What is None, False or empty was not given. Each field is an option of `slide-run`, told by its metadata.
     """
 
+    simulator: Simulator | None = option("Execute on a simulated arm; what follows is for it.")
     closed_loop: bool = option("Decode again with what is measured.", False)
     model: Path | None = option("Bundle for it: a folder, or a shipped one.", metavar="DIR")
     server: str | None = option("Closed loop through this server instead.", metavar="URL")
@@ -34,11 +36,11 @@ class ArmOptions:
         given = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
         return [f"--{name.replace('_', '-')}" for name in given]
 
-    def refuse_without_pybullet(self) -> None:
+    def refuse_without_simulator(self) -> None:
         """Check that no option is given that would have no effect.
 
         Raises:
             InputError: one is.
         """
         for name in self.given:
-            raise InputError(f"{name} needs --pybullet")
+            raise InputError(f"{name} needs --simulator")

@@ -1,4 +1,4 @@
-"""`slide-run PLAN --pybullet`: checks what was asked for, executes the plan on the simulated arm, says how it went."""
+"""`slide-run PLAN --simulator`: checks what was asked for, executes the plan on the simulated arm, says how it went."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from typing import Any
 
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
 from runtime.arm.events import Event
+from runtime.arm.film import check_ffmpeg, check_film, filming
 from runtime.arm.geometry import OBJECT_RADIUS, PAN_RADIUS
 from runtime.arm.interface import Measured
 from runtime.arm.options import ArmOptions
 from runtime.arm.results import Results, measured_track
 from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, execute, open_loop
-from runtime.arm.simulation import Simulated, SimulatedArm
-from runtime.arm.video import Camera, check_ffmpeg, check_film, filming
+from runtime.arm.simulated import Simulated, Simulator
+from runtime.arm.simulation import SimulatedArm
 from runtime.client import RemoteStream
 from runtime.documents.files import reading
 from runtime.documents.writing import check_writable
@@ -67,7 +68,7 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks:
 
     Raises:
         InputError, FormatError: the plan cannot be executed, or an option is not usable.
-        MissingExtraError: pybullet, or for a film ffmpeg, is not installed.
+        MissingExtraError: the simulator, or for a film ffmpeg or what renders, is not installed.
         OutputError: a result cannot be written.
     """
     _check_outputs(options, report)
@@ -76,7 +77,7 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks:
     plan = Plan.load(plan_file)
     with reading(str(plan_file)):
         check_plan(plan)
-    hooks = [*(event.hook(arm) for event in events), *hooks]
+    hooks = [*(event.hook(arm.engine) for event in events), *hooks]
     with ExitStack() as stack:
         source, remarks = _source(plan, options, stack)
         remarks += _other_sizes(plan.sizes)
@@ -89,6 +90,7 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks:
         write_report(report, shown, [track])
     document = {
         "plan": str(plan_file),
+        "simulator": arm.settings.simulator.value,
         "loop": _loop(options),
         "control": "paper" if options.paper_control else "feed-forward",
         "friction": arm.settings.friction,
@@ -107,7 +109,7 @@ def _check_outputs(options: ArmOptions, report: Path | None) -> None:
     if options.video is not None:
         check_film(options.video)
         check_writable(options.video)
-        check_ffmpeg()
+        check_ffmpeg(options.simulator or Simulator.PYBULLET)
     if options.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise InputError("--gui needs a display: DISPLAY is not set")  # the simulator would end the process
     if options.model is not None and options.server is not None:
@@ -119,7 +121,7 @@ def _check_outputs(options: ArmOptions, report: Path | None) -> None:
 def _simulated(options: ArmOptions) -> Simulated:
     given = {
         name: value
-        for name in ("friction", "object_mass", "noise", "seed")
+        for name in ("simulator", "friction", "object_mass", "noise", "seed")
         if (value := getattr(options, name)) is not None
     }
     control = PAPER_CONTROL if options.paper_control else FULL_CONTROL
@@ -173,8 +175,8 @@ def _other(plan: Plan, name: str, sha256: str) -> list[str]:
 def _execute(plan: Plan, arm: SimulatedArm, source: Source, hooks: Sequence[Hook], options: ArmOptions) -> Recording:
     with ExitStack() as stack:
         if options.video is not None:
-            camera = Camera(arm, plan.command_position)
-            hooks = [*hooks, stack.enter_context(filming(options.video, camera.picture))]
+            camera = arm.camera(plan.command_position)
+            hooks = [*hooks, stack.enter_context(filming(options.video, camera))]
         if options.gui:
             hooks = [*hooks, _real_time()]
         return execute(plan, arm, source, hooks)

@@ -13,12 +13,15 @@ from runtime.arm.interface import ObjectStatus
 from runtime.arm.run import Recording
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import DT, slide_one
+from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.plan import Plan, tracking_error
 from runtime.report.report import Track
 
 MM = 1e3
 """Millimetres in a metre."""
+
+LEAST_LIFT = -0.99 * GRAVITY
+"""Vertical acceleration (m/s^2) from which on the law is asked: below, the object has no weight on the pan."""
 
 LOST = {ObjectStatus.TOPPLED: "toppled", ObjectStatus.OFF_PAN: "left the pan"}
 """What the object did that is on the pan no more."""
@@ -39,8 +42,8 @@ class Results:
 
     Attributes:
         samples: K, or fewer if the run was interrupted.
-        pan_rms, pan_max: distance between the pan's centre and its command, horizontal (m).
-        height_max: largest vertical deviation of the pan's centre (m).
+        pan_rms, pan_max: distance between the pan's centre and its command (m).
+        height_max: its largest vertical part (m).
         tilt_max: largest deviation of the pan's attitude (rad).
         object_rms, object_max: distance between object and command (m).
         plan_rms: distance between object and the plan's prediction, root mean square (m).
@@ -81,15 +84,16 @@ class Results:
         """
         samples = min(len(plan), len(recording))
         pan, sliding = recording.pan[:samples], recording.sliding[:samples]
-        pan_rms, pan_max = tracking_error(pan[:, :2], recording.pan_command[:samples, :2])
+        off = pan[:, :3] - recording.pan_command[:samples, :3]
+        distance = np.linalg.norm(off, axis=1)
         object_rms, object_max = tracking_error(sliding[:, :2], plan.command_position[:samples])
         measured = recording.measured
         lost = next((k for k, each in enumerate(measured) if each.status is not ObjectStatus.ON_PAN), None)
         return cls(
             samples=samples,
-            pan_rms=pan_rms,
-            pan_max=pan_max,
-            height_max=max(abs(each.height) for each in measured[:samples]),
+            pan_rms=float(np.sqrt(np.mean(distance * distance))),
+            pan_max=float(distance.max()),
+            height_max=float(np.abs(off[:, 2]).max()),
             tilt_max=max(each.tilt for each in measured[:samples]),
             object_rms=object_rms,
             object_max=object_max,
@@ -136,7 +140,8 @@ class Results:
 
 
 def _law_rms(pan: FloatArray, sliding: FloatArray, friction: float) -> float:
-    acceleration = np.diff(pan[:, 2:], axis=0) / DT
+    acceleration = np.diff(pan[:, 3:], axis=0) / DT
+    acceleration[:, 2] = np.maximum(acceleration[:, 2], LEAST_LIFT)
     law = slide_one(sliding[0], acceleration, Friction(friction, friction))
     return tracking_error(sliding[1:, :2], law[:, :2])[0] if len(law) else 0.0
 

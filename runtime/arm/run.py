@@ -35,7 +35,7 @@ class Follower(Protocol):
 
 
 Source = Callable[[int, Sequence[Measured]], FloatArray | None]
-"""Gives the pan acceleration (2,) (m/s^2) from t_k to t_(k+1), given k and what was measured at t_0..t_k; None past its
+"""Gives the pan acceleration (3,) (m/s^2) from t_k to t_(k+1), given k and what was measured at t_0..t_k; None past its
 end."""
 
 RESTED = 3
@@ -54,8 +54,8 @@ class Recording:
 
     Attributes:
         measured: one for each sample.
-        pan_command: (n, 4) commanded position relative to where the pan began (m) and velocity (m/s).
-        pan_acceleration: (n, 2) commanded (m/s^2); row k acts from t_k to t_(k+1).
+        pan_command: (n, 6) commanded position relative to where the pan began (m) and velocity (m/s).
+        pan_acceleration: (n, 3) commanded (m/s^2); row k acts from t_k to t_(k+1).
         duration: time the arm and the network took (s); cameras and other hooks do not count.
         interrupted: whether the run was stopped before its end.
     """
@@ -72,13 +72,18 @@ class Recording:
 
     @property
     def pan(self) -> FloatArray:
-        """(n, 4) measured position relative to where the pan began (m) and velocity (m/s)."""
+        """(n, 6) measured position relative to where the pan began (m) and velocity (m/s)."""
         return np.array([each.pan for each in self.measured])
 
     @property
     def sliding(self) -> FloatArray:
         """(n, 4) measured position (m) and velocity (m/s) of the object in the pan's frame."""
         return np.array([each.sliding for each in self.measured])
+
+
+def in_space(level: FloatArray) -> FloatArray:
+    """Return (n, 3) vectors of a pan: as they are, or (n, 2) ones of a level pan with a third component of 0."""
+    return level if level.shape[1] == 3 else np.column_stack([level, np.zeros(len(level))])
 
 
 def check_plan(plan: Plan) -> None:
@@ -98,8 +103,9 @@ def check_plan(plan: Plan) -> None:
         raise InputError(
             f"pan.acceleration has {largest:.3g} m/s^2, at most {MAX_ACCELERATION:g} m/s^2 are tried (is it in m/s^2?)"
         )
-    led_to = integrate_pan(np.zeros(4), plan.pan_acceleration)[:-1, :2]
-    mismatch = np.abs(plan.pan_position - np.concatenate([np.zeros((1, 2)), led_to])).max()
+    u = in_space(plan.pan_acceleration)
+    led_to = integrate_pan(np.zeros(6), u)[:-1, :3]
+    mismatch = np.abs(in_space(plan.pan_position) - np.concatenate([np.zeros((1, 3)), led_to])).max()
     if mismatch > PAN_MISMATCH:
         raise InputError(
             f"pan.position differs by {mismatch:.3g} m from what pan.acceleration leads to from rest at the origin, "
@@ -109,7 +115,7 @@ def check_plan(plan: Plan) -> None:
 
 def open_loop(plan: Plan) -> Source:
     """Give the plan's own accelerations, and those of its stop."""
-    u = np.concatenate([plan.pan_acceleration, plan.stop_acceleration])
+    u = np.concatenate([in_space(plan.pan_acceleration), in_space(plan.stop_acceleration)])
     return lambda k, measured: u[k] if k < len(u) else None
 
 
@@ -125,7 +131,7 @@ def closed_loop(follower: Follower, chunk: int, samples: int) -> Source:
         chunk: samples it decodes at a time, C.
         samples: of its command, K.
     """
-    u, rested = np.zeros((chunk, 2)), 0
+    u, rested = np.zeros((chunk, 3)), 0
 
     def source(k: int, measured: Sequence[Measured]) -> FloatArray | None:
         nonlocal u, rested
@@ -135,7 +141,7 @@ def closed_loop(follower: Follower, chunk: int, samples: int) -> Source:
             if seen[-1].status is ObjectStatus.OFF_PAN:
                 last = next((each for each in reversed(measured) if each.status is not ObjectStatus.OFF_PAN), seen[0])
                 sliding[:] = last.sliding
-            u = follower.step(pan, sliding)
+            u = in_space(follower.step(pan[:, [0, 1, 3, 4]], sliding))
             rested = 0 if u.any() or k < samples else rested + 1
         now: FloatArray = u[k % chunk]
         return None if rested > RESTED or k >= samples + round(LONGEST_ENDING / DT) else now
@@ -158,7 +164,7 @@ def execute(plan: Plan, arm: Arm, source: Source, hooks: Sequence[Hook] = ()) ->
     """
     log = _Log()
     try:
-        measured, pan = arm.reset(plan.object_position[0]), np.zeros(4)
+        measured, pan = arm.reset(plan.object_position[0]), np.zeros(6)
         measured, pan = log.follow(arm, measured, pan, lambda k: source(k, log.measured), hooks)
         ended, tail = len(log), brake(pan, measured.sliding, plan.friction)
         log.follow(arm, measured, pan, lambda k: tail[k - ended] if k < ended + len(tail) else None, hooks)
@@ -194,8 +200,8 @@ class _Log:
 
         Args:
             arm: executes.
-            measured, pan: what was measured and commanded last; `pan` (4,) position and velocity (m, m/s).
-            source: the acceleration (2,) of sample k (m/s^2), None at the end.
+            measured, pan: what was measured and commanded last; `pan` (6,) position and velocity (m, m/s).
+            source: the acceleration (3,) of sample k (m/s^2), None at the end.
             hooks: called before each sample.
 
         Returns:
@@ -213,7 +219,7 @@ class _Log:
             for hook in hooks:
                 hook(k, measured)
             begin = time.perf_counter()
-            measured = arm.step(PanCommand(pan[:2], pan[2:], u))
+            measured = arm.step(PanCommand(pan[:3], pan[3:], u))
             self._duration += time.perf_counter() - begin
             self._pan.append(pan)
             self._u.append(u)
@@ -222,5 +228,5 @@ class _Log:
     def recording(self, interrupted: bool) -> Recording:
         """Return what was recorded; of a sample cut short nothing is kept."""
         samples = len(self._u)
-        pan, u = np.array(self._pan[:samples]).reshape(-1, 4), np.array(self._u).reshape(-1, 2)
+        pan, u = np.array(self._pan[:samples]).reshape(-1, 6), np.array(self._u).reshape(-1, 3)
         return Recording(tuple(self.measured[:samples]), pan, u, self._duration, interrupted)

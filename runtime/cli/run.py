@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import numpy as np
 import typer
 
 from runtime.arm.options import ArmOptions
+from runtime.arm.simulated import Simulator
 from runtime.assess.assess import find_off_pan
 from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import FrictionOptions, chosen, conclude, reach_of_limit
@@ -33,9 +35,7 @@ def slide_run(
     report: Annotated[
         Path | None, typer.Option("--report", help="Page to write, with the motion animated.", metavar="HTML")
     ] = None,
-    pybullet: Annotated[
-        bool, typer.Option("--pybullet", help="Execute on a simulated arm; what follows is for it.")
-    ] = False,
+    pybullet: Annotated[bool, typer.Option("--pybullet", help="The same as --simulator pybullet.")] = False,
     arm: ArmOptions = ArmOptions(),
     as_json: AsJson = False,
 ) -> None:
@@ -43,11 +43,15 @@ def slide_run(
     simulated arm.
     """
     if pybullet:
+        if arm.simulator not in (None, Simulator.PYBULLET):
+            raise InputError(f"--pybullet and --simulator {arm.simulator}: one of them")
+        arm = replace(arm, simulator=Simulator.PYBULLET)
+    if arm.simulator is not None:
         if replayed != FrictionOptions():
-            raise InputError("--static and --kinetic are of the replay: give --friction with --pybullet")
+            raise InputError("--static and --kinetic are of the replay: give --friction with --simulator")
         _run_on_arm(plan_file, arm, report, as_json)
     else:
-        arm.refuse_without_pybullet()
+        arm.refuse_without_simulator()
         _replay(plan_file, replayed, report, as_json)
 
 
@@ -61,7 +65,8 @@ def _run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, as_js
         print_json(outcome.document)
     elif outcome.results is not None:
         written = [(name, str(path)) for name, path in (("video", options.video), ("report", report)) if path]
-        print_table(f"{plan_file} on the simulated arm, {outcome.document['loop']}", [*outcome.results.rows, *written])
+        where = f"the arm in {outcome.document['simulator']}"
+        print_table(f"{plan_file} on {where}, {outcome.document['loop']}", [*outcome.results.rows, *written])
     if outcome.interrupted:
         say("slide-run", "interrupted; what was recorded until then is kept")
         raise typer.Exit(INTERRUPTED)

@@ -13,7 +13,9 @@ ROOT = Path(__file__).parents[2]
 RUNTIME_THIRD_PARTY = {"numpy", "onnxruntime"}
 MORE_IN = {
     "runtime/cli": {"typer", "rich"},
-    "runtime/arm": {"pybullet", "imageio_ffmpeg"},
+    "runtime/arm/bullet": {"pybullet"},
+    "runtime/arm/mujoco": {"mujoco"},
+    "runtime/arm/film.py": {"imageio_ffmpeg"},
     "runtime/arms": {"mujoco"},
     "runtime/commands/parquet.py": {"pyarrow"},
     "runtime/outputs/parquet_file.py": {"pyarrow"},
@@ -62,8 +64,8 @@ def test_planning_works_without_the_packages_of_the_extras(bundle_path: Path, tm
         import importlib.abc, sys
 
         class Blocker(importlib.abc.MetaPathFinder):
-            blocked = {{"torch", "onnx", "scipy", "numba", "matplotlib", "pydantic", "pybullet", "imageio_ffmpeg"}}
-            blocked |= {{"typer", "rich"}}
+            blocked = {{"torch", "onnx", "scipy", "numba", "matplotlib", "pydantic", "pybullet", "mujoco"}}
+            blocked |= {{"imageio_ffmpeg", "typer", "rich"}}
 
             def find_spec(self, name, path=None, target=None):
                 if name.partition(".")[0] in self.blocked:
@@ -96,15 +98,16 @@ def test_planning_leaves_nothing_in_the_home_folder(bundle_path: Path, tmp_path:
     assert not list(tmp_path.iterdir())
 
 
-def test_the_arm_is_imported_without_pybullet_until_it_is_used() -> None:
-    names = [path.stem for path in modules("runtime/arm") if path.stem != "__init__"]
-    assert {"run", "simulation", "video", "program"} <= set(names)
+def test_the_arm_is_imported_without_a_simulator_until_it_is_used() -> None:
+    paths = [path.relative_to(ROOT).with_suffix("") for path in modules("runtime/arm") if path.stem != "__init__"]
+    names = [".".join(path.parts) for path in paths]
+    assert {"runtime.arm.run", "runtime.arm.program", "runtime.arm.mujoco.engine"} <= set(names)
     program = "; ".join(
         [
             "import sys",
-            *(f"import runtime.arm.{name}" for name in names),
+            *(f"import {name}" for name in names),
             "import runtime.cli.plan, runtime.cli.run, runtime.cli.info",
-            "print([name for name in ('pybullet', 'imageio_ffmpeg', 'rich') if name in sys.modules])",
+            "print([name for name in ('pybullet', 'mujoco', 'imageio_ffmpeg', 'rich') if name in sys.modules])",
         ]
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)

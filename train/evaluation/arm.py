@@ -13,8 +13,8 @@ from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL, ControlSettings
 from runtime.arm.interface import ObjectStatus
 from runtime.arm.results import Results
 from runtime.arm.run import closed_loop, execute, open_loop
-from runtime.arm.simulation import Simulated, SimulatedArm
-from runtime.arm.video import Camera
+from runtime.arm.simulated import Simulated
+from runtime.arm.simulation import SimulatedArm
 from runtime.plan import Plan
 from train.commands.families import FloatArray
 from train.evaluation.evaluate import NOMINAL, Subject
@@ -87,7 +87,7 @@ def photograph(subject: Subject, position: FloatArray) -> Photographed:
     """Execute one (K, 2) command open loop, as the paper does, and take its pictures."""
     (plan,) = subject.plan(position[None], NOMINAL)
     arm = SimulatedArm(Simulated(friction=IN_PYBULLET.kinetic))
-    camera = Camera(arm, plan.command_position, PICTURE)
+    camera = arm.camera(plan.command_position, PICTURE)
     pictures: list[NDArray[np.uint8]] = []
     moments = {round(time / plan.dt) for time in SNAPSHOTS}
 

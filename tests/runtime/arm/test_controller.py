@@ -22,12 +22,12 @@ from runtime.documents.checks import FloatArray
 from runtime.physics.law import DT
 
 WIDE = JointLimits(np.full(6, 1e6), np.full(6, 1e6))
-STILL = TaskCommand(np.zeros(3), np.eye(3), np.zeros(6), np.zeros(6))
+STILL = TaskCommand(np.zeros(3), np.eye(3), np.zeros(6), np.zeros(6), np.zeros(6))
 
 
 def at_rest(**changes: FloatArray) -> ArmState:
     """An arm of unit inertia whose joints are the pan's coordinates."""
-    state = ArmState(np.zeros(6), np.zeros(3), np.eye(3), np.eye(6), np.eye(6), np.zeros(6))
+    state = ArmState(np.zeros(6), np.zeros(6), np.zeros(3), np.eye(3), np.eye(6), np.eye(6), np.zeros(6))
     return state._replace(**changes)
 
 
@@ -105,3 +105,15 @@ def test_a_singular_arm_is_damped_and_it_is_said() -> None:
     tick = control(up, at_rest(jacobian=jacobian), None, FULL_CONTROL, WIDE)
     assert np.abs(tick.torque).max() <= 150.0 / (2.0 * DAMPING)
     assert tick.limits == ("reach",)
+
+
+def test_a_seventh_joint_goes_to_its_posture_and_moves_no_pan() -> None:
+    jacobian = np.hstack([np.eye(6), np.eye(6)[:, :1]])
+    limits = JointLimits(np.full(7, 1e6), np.full(7, 1e6))
+    state = ArmState(np.zeros(7), np.zeros(7), np.zeros(3), np.eye(3), jacobian, np.eye(7), np.zeros(7))
+    posture = np.array([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
+    tick = control(STILL._replace(posture=posture), state, None, FULL_CONTROL, limits)
+    assert jacobian @ tick.torque == pytest.approx(np.zeros(6), abs=1e-12)
+    assert tick.torque[[0, 6]] == pytest.approx([-10.0, 10.0])
+    up = STILL._replace(acceleration=np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0]), posture=np.zeros(7))
+    assert jacobian @ control(up, state, None, FULL_CONTROL, limits).torque == pytest.approx(up.acceleration)

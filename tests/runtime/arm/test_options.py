@@ -1,4 +1,4 @@
-"""What is refused before anything moves; none of it needs pybullet."""
+"""What is refused before anything moves; none of it needs a simulator."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from runtime import InputError
 from runtime.arm.events import Event
-from runtime.arm.simulation import Simulated
+from runtime.arm.simulated import Simulated
 
 from .conftest import SlideRun
 
@@ -59,11 +59,12 @@ def test_settings_beyond_reason_are_refused(values: dict[str, float], message: s
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--closed-loop"], "--closed-loop needs --pybullet"),
-        (["--video", "x.mp4"], "--video needs --pybullet"),
-        (["--seed", "0"], "--seed needs --pybullet"),
-        (["--noise", "0"], "--noise needs --pybullet"),
-        (["--pybullet", "--static", "0.5"], "give --friction with --pybullet"),
+        (["--closed-loop"], "--closed-loop needs --simulator"),
+        (["--video", "x.mp4"], "--video needs --simulator"),
+        (["--seed", "0"], "--seed needs --simulator"),
+        (["--noise", "0"], "--noise needs --simulator"),
+        (["--pybullet", "--static", "0.5"], "give --friction with --simulator"),
+        (["--pybullet", "--simulator", "mujoco"], "--pybullet and --simulator mujoco: one of them"),
         (["--pybullet", "--model", "x"], "--model needs --closed-loop"),
         (["--pybullet", "--video", "x.avi"], "a film is written as .mp4, got the suffix '.avi'"),
         (["--pybullet", "--video", "absent/x.mp4"], "there is no folder absent"),
@@ -96,13 +97,25 @@ def test_missing_pybullet_is_said_with_the_pip_command(
     code, _, err = slide_run(shake_file, "--pybullet")
     assert (code, err) == (
         2,
-        "slide-run: error: the simulated arm needs pybullet: pip install './[pybullet]' in a checkout, "
+        "slide-run: error: the arm in pybullet needs pybullet: pip install './[pybullet]' in a checkout, "
         "'FILE.whl[pybullet]' with a wheel\n",
     )
     monkeypatch.setattr(sys, "version_info", (3, 12, 1))
     code, _, err = slide_run(shake_file, "--pybullet")
     assert (code, err.count("\n")) == (2, 1)
-    assert err.endswith("in an environment of Python 3.11, since there is no pybullet wheel for newer ones\n")
+    assert err.endswith("; pip builds it on this Python, in a quarter of an hour, or use --simulator mujoco\n")
+
+
+def test_missing_mujoco_is_said_with_the_pip_command(
+    slide_run: SlideRun, shake_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    code, _, err = slide_run(shake_file, "--simulator", "mujoco")
+    assert (code, err) == (
+        2,
+        "slide-run: error: the arm in MuJoCo needs mujoco: pip install './[mujoco]' in a checkout, "
+        "'FILE.whl[mujoco]' with a wheel\n",
+    )
 
 
 def test_film_without_ffmpeg_is_refused_before_the_run(

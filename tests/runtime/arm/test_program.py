@@ -1,4 +1,4 @@
-"""`slide-run PLAN --pybullet` as a person types it."""
+"""`slide-run PLAN --simulator` as a person types it; what is the program's alone is asked of pybullet."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
+pytest.importorskip("pybullet")
 
 from runtime import Friction, Limits, Plan, Planner, Sizes
 from runtime.arm.options import ArmOptions
 from runtime.arm.program import run_on_arm
+from runtime.arm.simulated import Simulated, Simulator
+from runtime.arm.simulation import SimulatedArm
 from runtime.documents.checks import FloatArray
 
 from .conftest import SlideRun, save_shake
@@ -28,6 +30,45 @@ def test_three_short_plans_run_and_are_told_in_a_table(slide_run: SlideRun, tmp_
         for words in ("pan tracking", "object to command", "law of friction", "torques", "real-time factor", "yes"):
             assert words in out
         assert max(map(len, out.splitlines())) <= 80
+
+
+def test_mujoco_tells_the_same_and_films(slide_run: SlideRun, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    shake_file = save_shake(tmp_path / "shake.json", 8.0, 75)
+    film, report = tmp_path / "film.mp4", tmp_path / "report.html"
+    code, out, err = slide_run(shake_file, "--simulator", "mujoco", "--video", film, "--report", report, "--json")
+    assert (code, err) == (0, "")
+    mujoco = json.loads(out)
+    assert (mujoco["simulator"], mujoco["results"]["samples"]) == ("mujoco", 75)
+    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] > 35
+    assert next(imageio_ffmpeg.read_frames(str(film)))["size"] == (1280, 720)
+    assert "arm, open loop" in report.read_text(encoding="utf-8")
+    code, out, _ = slide_run(shake_file, "--simulator", "pybullet", "--json")
+    assert code == 0
+    pybullet = json.loads(out)
+    assert pybullet.keys() == mujoco.keys()
+    assert mujoco["results"]["object_rms"] == pytest.approx(pybullet["results"]["object_rms"], abs=1e-3)
+    assert mujoco["results"]["torque_peaks"] == pytest.approx(pybullet["results"]["torque_peaks"], rel=0.05, abs=0.5)
+
+
+def test_mujoco_films_what_moves(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    arm, other = (
+        SimulatedArm(Simulated(simulator=Simulator.MUJOCO)),
+        SimulatedArm(Simulated(simulator=Simulator.MUJOCO)),
+    )
+    circle = 0.1 * np.stack([np.cos(np.arange(200) / 30), np.sin(np.arange(200) / 30)], axis=1)
+    arm.reset(np.zeros(2))
+    other.reset(np.array([0.05, 0.0]))
+    camera, plain = arm.camera(circle, (320, 180)), arm.camera(None, (320, 180))
+    elsewhere = other.camera(circle, (320, 180))
+    first, again = camera.picture(0), camera.picture(0)
+    assert first.shape == (180, 320, 3)
+    assert np.array_equal(first, again)
+    differing = [(first != each.picture(0)).any(axis=2).mean() for each in (plain, elsewhere)]
+    assert all(0.0003 < share < 0.03 for share in differing), "the path; the object and its shadow"
+    assert first.std() > 20, "not one colour"
 
 
 def test_json_is_one_object_with_every_figure(slide_run: SlideRun, shake_file: Path) -> None:

@@ -1,4 +1,4 @@
-"""The arm in pybullet keeps to its figures, over a few runs; `slide-bench arm` takes more."""
+"""The arm keeps to its figures in either simulator, over a few runs; `slide-bench arm` takes more."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
-
 from benchmarks.sections.arm import (
     FRICTION,
-    TARGETS,
+    IN_ONE,
     PanTracking,
     count_differing,
     frame_time,
@@ -24,14 +22,28 @@ from benchmarks.sections.arm import (
 )
 from benchmarks.suite.families import spline
 from runtime import Friction, Plan, Planner
-from runtime.arm.interface import ObjectStatus, PanCommand
+from runtime.arm.events import Event
+from runtime.arm.interface import Arm, ObjectStatus, PanCommand
 from runtime.arm.results import PLAN_ARRAYS
 from runtime.arm.run import execute, open_loop
-from runtime.arm.simulation import NOISE_WINDOW, Simulated, SimulatedArm
+from runtime.arm.simulated import Simulated, Simulator
+from runtime.arm.simulation import NOISE_WINDOW, SimulatedArm
 from runtime.physics.pan import integrate_pan
 from runtime.planner import DEFAULT_BUNDLE
 
 SEEDS = (0, 1, 2)
+
+
+@pytest.fixture(params=list(Simulator))
+def simulator(request: pytest.FixtureRequest) -> Simulator:
+    which = Simulator(request.param)
+    pytest.importorskip(which.value)
+    return which
+
+
+@pytest.fixture
+def settings(simulator: Simulator) -> Simulated:
+    return Simulated(simulator=simulator)
 
 
 @cache
@@ -40,17 +52,17 @@ def motions() -> list[Plan]:
 
 
 @cache
-def tracking() -> PanTracking:
-    return pan_tracking(motions())
+def tracking(simulator: Simulator) -> PanTracking:
+    return pan_tracking(motions(), simulator)
 
 
 @pytest.mark.parametrize("what", ["rms_worst", "max_worst", "attitude_worst", "law_median", "law_worst"])
-def test_pan_and_object_on_stick_slip_motions(what: str) -> None:
-    assert_met(f"pan.{what}", getattr(tracking(), what))
+def test_pan_and_object_on_stick_slip_motions(simulator: Simulator, what: str) -> None:
+    assert_met(f"pan.{what}", getattr(tracking(simulator), what))
 
 
 def assert_met(figure: str, value: float) -> None:
-    (target,) = (each for each in TARGETS if each.figure == figure)
+    (target,) = (each for each in IN_ONE if each.figure == figure)
     assert target.met(value), f"{target.what}: {value:g}, target {target.comparison} {target.limit:g}"
 
 
@@ -60,79 +72,90 @@ def test_motions_stick_and_slip_within_15_m_s2() -> None:
         assert 0.1 < plan.quality.sliding_share < 1.0
 
 
-def test_pan_tracking_with_paper_control() -> None:
-    assert_met("paper_control", paper_control(motions()))
+def test_pan_tracking_with_paper_control(simulator: Simulator) -> None:
+    assert_met("paper_control", paper_control(motions(), simulator))
 
 
-def test_the_observer_makes_up_for_a_wrong_model() -> None:
-    assert_met("observer.reduction_least", observer_ablation(motions()).reduction_least)
+def test_the_observer_makes_up_for_a_wrong_model(simulator: Simulator) -> None:
+    assert_met("observer.reduction_least", observer_ablation(motions(), simulator).reduction_least)
 
 
-def test_a_rerun_is_bit_identical() -> None:
-    assert_met("differing", count_differing(motions()[:1]))
+def test_a_rerun_is_bit_identical(simulator: Simulator) -> None:
+    assert_met("differing", count_differing(motions()[:1], simulator))
 
 
-def test_a_hook_that_looks_changes_nothing() -> None:
-    from runtime.arm.video import Camera
-
-    plan, arm = motions()[0], SimulatedArm()
-    camera = Camera(arm, plan.command_position, (32, 24))
+def test_a_hook_that_looks_changes_nothing(settings: Simulated) -> None:
+    plan, arm = motions()[0], SimulatedArm(settings)
+    camera = arm.camera(plan.command_position, (32, 24))
     seen = execute(plan, arm, open_loop(plan), [lambda k, measured: camera.picture(k) if k % 100 == 0 else None])
-    unseen = execute(plan, SimulatedArm(), open_loop(plan))
+    unseen = execute(plan, SimulatedArm(settings), open_loop(plan))
     assert np.array_equal(seen.sliding, unseen.sliding)
 
 
-def test_simulation_and_pictures_are_fast_enough() -> None:
-    # Half as fast as the targets of `slide-bench arm`: the machine that runs the tests may be busy.
-    assert tracking().real_time_factor >= 0.75
-    assert frame_time(30) <= 40e-3
+def test_simulation_and_pictures_are_fast_enough(simulator: Simulator) -> None:
+    # Less than half as fast as `slide-bench arm` should find it: the machine that runs the tests may be busy.
+    assert tracking(simulator).real_time_factor >= 0.75
+    assert frame_time(10, simulator) <= 0.1
 
 
-def test_the_object_follows_the_command_in_closed_loop() -> None:
+def test_the_object_follows_the_command_in_closed_loop(settings: Simulated) -> None:
     if not (DEFAULT_BUNDLE / "manifest.json").exists():
         pytest.skip("there is no trained default bundle")
     planner = Planner()
     plans = [planner.plan(position) for position in spline().positions[:5]]
     law = [planner.plan(plan.command_position, Friction(FRICTION, FRICTION)).quality.tracking_rmse for plan in plans]
-    results = [run_plan(plan, Simulated(), planner) for plan in plans]
+    results = [run_plan(plan, settings, planner) for plan in plans]
     error = float(np.mean([result.object_rms for result in results]))
-    assert error <= 0.005
+    assert error <= 0.002
     assert error <= 1.25 * float(np.mean(law))
     assert [result.notes for result in results] == [[]] * len(plans)
-    assert max(result.pan_rms for result in results) <= 0.0003
+    assert max(result.pan_rms for result in results) <= 0.0001
 
 
-def test_settling_leaves_pan_and_object_at_rest_where_they_begin() -> None:
-    arm = SimulatedArm()
+def test_settling_leaves_pan_and_object_at_rest_where_they_begin(settings: Simulated) -> None:
+    arm = SimulatedArm(settings)
     measured = arm.reset(np.array([0.03, -0.02]))
     arm.close()
     arm.close()
-    assert measured.pan == pytest.approx(np.zeros(4), abs=1e-5)
+    assert measured.pan[:3] == pytest.approx(np.zeros(3), abs=1e-5)
+    assert measured.pan[3:] == pytest.approx(np.zeros(3), abs=1e-4)
     assert measured.sliding == pytest.approx([0.03, -0.02, 0.0, 0.0], abs=1e-4)
-    assert (abs(measured.height) < 1e-5, measured.tilt < 1e-4) == (True, True)
+    assert measured.tilt < 1e-4
     assert (measured.status, measured.limits) == (ObjectStatus.ON_PAN, ())
 
 
-def test_the_jacobian_is_the_derivative_of_the_pan_pose() -> None:
-    arm = SimulatedArm()
-    arm.reset(np.zeros(2))
-    bullet, client, body = arm.bullet, arm.client, arm._arm
-    theta = [joint[0] for joint in bullet.getJointStates(body, range(6), physicsClientId=client)]
-    jacobian, step = arm._arm_state().jacobian, 1e-5
-    for joint in range(6):
-        ends = []
-        for sign in (1.0, -1.0):
-            bullet.resetJointState(body, joint, theta[joint] + sign * step, physicsClientId=client)
-            ends.append(arm._arm_state().position)
-            bullet.resetJointState(body, joint, theta[joint], physicsClientId=client)
-        assert jacobian[:3, joint] == pytest.approx((ends[0] - ends[1]) / (2.0 * step), abs=1e-4)
+def test_the_jacobian_moves_the_pan_and_torques_beside_the_bias_accelerate_it(settings: Simulated) -> None:
+    arm = SimulatedArm(settings)
+    arm.engine.start(np.array([1.0, 0.0]))  # beside the pan: its weight is no part of the arm's model
+    before = arm.engine.arm()
+    wanted = np.array([0.4, -0.3, 0.2, 0.5, -0.4, 0.3])
+    for _ in range(20):
+        now = arm.engine.arm()
+        arm.engine.advance(now.inertia @ wanted + now.bias)
+    after = arm.engine.arm()
+    assert after.theta_velocity == pytest.approx(0.02 * wanted, rel=0.02, abs=1e-4)
+    assert after.theta - before.theta == pytest.approx(0.5 * 0.02**2 * wanted, rel=0.06, abs=1e-6)
+    moved = 0.5 * (before.jacobian + after.jacobian) @ (after.theta - before.theta)
+    assert after.position - before.position == pytest.approx(moved[:3], abs=1e-7)
     arm.close()
 
 
-def test_noise_is_the_cameras_alone_and_repeats_with_its_seed() -> None:
-    arms = [Simulated(noise=0.001, seed=1), Simulated(noise=0.001, seed=1), Simulated(noise=0.001, seed=2), Simulated()]
+def test_both_simulators_have_the_same_arm() -> None:
+    states = []
+    for simulator in Simulator:
+        pytest.importorskip(simulator.value)
+        arm = SimulatedArm(Simulated(simulator=simulator))
+        arm.engine.start(np.zeros(2))
+        states.append(arm.engine.arm())
+        arm.close()
+    for one, other in zip(*states, strict=True):
+        assert one == pytest.approx(other, abs=1e-5)
+
+
+def test_noise_is_the_cameras_alone_and_repeats_with_its_seed(settings: Simulated) -> None:
+    varied = [replace(settings, noise=0.001, seed=seed) for seed in (1, 1, 2)]
     plan = motions()[0]
-    first, again, other, clean = (execute(plan, SimulatedArm(each), open_loop(plan)) for each in arms)
+    first, again, other, clean = (execute(plan, SimulatedArm(each), open_loop(plan)) for each in (*varied, settings))
     assert np.array_equal(first.sliding, again.sliding)
     assert not np.array_equal(first.sliding, other.sliding)
     assert np.array_equal(first.pan, clean.pan)
@@ -141,44 +164,55 @@ def test_noise_is_the_cameras_alone_and_repeats_with_its_seed() -> None:
     assert noise == pytest.approx([0.001, 0.001, 0.001 / NOISE_WINDOW, 0.001 / NOISE_WINDOW], rel=0.1)
 
 
-def test_a_push_and_a_step_in_friction_move_the_object() -> None:
-    from runtime.arm.events import Event
-
+def test_a_push_and_a_step_in_friction_move_the_object(settings: Simulated) -> None:
     still = np.zeros((400, 2))
     base = replace(motions()[0], **dict.fromkeys(PLAN_ARRAYS, still))
-    arm = SimulatedArm()
-    pushed = execute(base, arm, open_loop(base), [Event.parse("push@0.1=0,2").hook(arm)])
+    arm = SimulatedArm(settings)
+    pushed = execute(base, arm, open_loop(base), [Event.parse("push@0.1=0,2").hook(arm.engine)])
     assert np.abs(pushed.sliding[99, :2]).max() < 1e-4
     # 2 N against 0.49 N of friction on 0.1 kg for 50 ms, then friction alone.
     speed = (2.0 - 0.49) / 0.1 * 0.05
     assert pushed.sliding[-1, 1] == pytest.approx(0.5 * speed * 0.05 + speed**2 / (2 * 4.9), rel=0.1)
     gentle = replace(base, pan_acceleration=np.full((400, 2), (0.0, 3.0)))
-    slippery = execute(gentle, SimulatedArm(), open_loop(gentle))
+    slippery = execute(gentle, SimulatedArm(settings), open_loop(gentle))
     assert np.abs(slippery.sliding[:400, 1]).max() < 1e-3, "3 m/s^2 do not move it at friction 0.5"
-    arm = SimulatedArm()
-    slippery = execute(gentle, arm, open_loop(gentle), [Event.parse("friction@0.2=0.1").hook(arm)])
-    assert np.abs(slippery.sliding[:195, 1]).max() < 1e-3
-    assert slippery.sliding[399, 1] == pytest.approx(-0.5 * (3.0 - 0.98) * 0.2**2, rel=0.1)
+    for _ in range(2):  # the step is undone by the next start
+        slippery = execute(gentle, arm, open_loop(gentle), [Event.parse("friction@0.2=0.1").hook(arm.engine)])
+        assert np.abs(slippery.sliding[:195, 1]).max() < 1e-3
+        assert slippery.sliding[399, 1] == pytest.approx(-0.5 * (3.0 - 0.98) * 0.2**2, rel=0.1)
 
 
-def test_an_unreachable_plan_is_executed_within_the_limits_and_said() -> None:
+def test_an_unreachable_plan_is_executed_within_the_limits_and_said(settings: Simulated) -> None:
     plan = stick_slip_plan(0)
     u = np.tile([8.0, 0.0], (len(plan), 1))
     away = replace(
         plan, pan_acceleration=u, pan_position=np.concatenate([[(0, 0)], integrate_pan(np.zeros(4), u)[:-1, :2]])
     )
-    results = run_plan(away, Simulated())
+    results = run_plan(away, settings)
     assert max(results.torque_peaks) <= 200.0
     assert max(results.speed_peaks) < 100.0
     assert results.limits["reach"] > 100
     assert len(results.notes) == 2, "object and limits"
 
 
-def test_the_interface_is_kept() -> None:
-    from runtime.arm.interface import Arm
-
-    arm: Arm = SimulatedArm()
+def test_the_pan_lifts(settings: Simulated) -> None:
+    t = np.arange(600) * 1e-3
+    u = np.zeros((600, 3))
+    u[:, 2] = 0.05 * (2.0 * np.pi / 0.6) ** 2 * np.cos(2.0 * np.pi * t / 0.6)
+    arm, pan = SimulatedArm(settings), np.zeros(6)
     arm.reset(np.zeros(2))
-    measured = arm.step(PanCommand(np.zeros(2), np.zeros(2), np.zeros(2)))
+    for each in u:
+        measured = arm.step(PanCommand(pan[:3], pan[3:], each))
+        pan = integrate_pan(pan, each[None])[0]
+        assert measured.pan == pytest.approx(pan, abs=2e-3)
+        assert measured.pan[:3] == pytest.approx(pan[:3], abs=1e-4)
+    assert measured.sliding[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
     arm.close()
-    assert [np.shape(part) for part in (measured.pan, measured.sliding, measured.torque)] == [(4,), (4,), (6,)]
+
+
+def test_the_interface_is_kept(settings: Simulated) -> None:
+    arm: Arm = SimulatedArm(settings)
+    arm.reset(np.zeros(2))
+    measured = arm.step(PanCommand(np.zeros(3), np.zeros(3), np.zeros(3)))
+    arm.close()
+    assert [np.shape(part) for part in (measured.pan, measured.sliding, measured.torque)] == [(6,), (4,), (6,)]

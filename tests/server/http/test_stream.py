@@ -178,7 +178,7 @@ def test_slide_run_follows_a_plan_on_the_arm_through_the_server(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
+    pytest.importorskip("pybullet")
     path, documents = tmp_path / "plan.json", []
     with Client(server.url) as client:
         client.plan(make_curve(250)).save(path)

@@ -30,7 +30,7 @@ def test_stream_of_a_network_is_its_decoding():
 
 
 def test_a_model_is_executed_in_every_way_and_drawn():
-    pytest.importorskip("pybullet", reason="pybullet is not installed: it has wheels for Python 3.11 and older only")
+    pytest.importorskip("pybullet")
     figure = pytest.importorskip("matplotlib.figure")
     from train.evaluation import arm
 

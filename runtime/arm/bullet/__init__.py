@@ -1,0 +1,1 @@
+"""The physics engine pybullet, extra `[pybullet]`."""

@@ -1,0 +1,249 @@
+"""The scene: an arm with the pan in its hand, the object on the pan, and what is only there to be seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from runtime.arm import geometry as g
+from runtime.arm.controller import JointLimits
+from runtime.arm.engine import Pose
+from runtime.arm.mujoco import contact
+from runtime.documents.checks import FloatArray
+
+BOTTOM, RIM, GROUND = 1, 2, 4
+"""What the object touches: the pan's bottom with its balls, the rim and the ground with its side."""
+
+PAN_COLOUR = (0.16, 0.17, 0.19, 1.0)
+HANDLE_COLOUR = (0.10, 0.10, 0.11, 1.0)
+LINK_COLOUR = (0.86, 0.87, 0.89, 1.0)
+JOINT_COLOUR = (0.20, 0.36, 0.58, 1.0)
+OBJECT_COLOUR = (0.93, 0.42, 0.10, 1.0)
+CAP_COLOUR = (0.98, 0.78, 0.35, 1.0)
+
+GROUND_HALF = 30.0
+"""Half of the ground's width (m)."""
+
+WALL = 0.004
+"""Thickness of the pan that is drawn (m)."""
+
+FLARE = 0.006
+"""By which the drawn rim opens towards its top (m)."""
+
+SEGMENTS = 72
+"""Corners of the circles the pan is drawn with."""
+
+THICKEST, THINNEST = 0.065, 0.038
+"""Radii of the first and of the last link, where they are drawn by us (m)."""
+
+HANDLE_RADIUS = 0.012
+"""Radius of the pan's handle (m)."""
+
+
+class HeldPan(NamedTuple):
+    """An arm of MuJoCo, and how it holds the pan.
+
+    Attributes:
+        spec: an MjSpec with the arm alone.
+        joints: names of its joints from the base to the hand.
+        hand: name of the body that holds the pan.
+        mounted: the pan's centre and attitude in that body.
+        home: where the pan begins in the world.
+        posture: (n,) joint angles there (rad).
+        limits: of the joints.
+    """
+
+    spec: Any
+    joints: tuple[str, ...]
+    hand: str
+    mounted: Pose
+    home: Pose
+    posture: FloatArray
+    limits: JointLimits
+
+
+def build(mujoco: Any, arm: HeldPan, friction: float, object_mass: float) -> Any:
+    """Return the model of the whole scene.
+
+    Args:
+        mujoco: the module.
+        arm: what holds the pan; its spec is built upon.
+        friction: coefficient between pan and object.
+        object_mass: (kg).
+    """
+    spec = arm.spec
+    spec.compiler.discardvisual = False  # true for what was read from a URDF
+    contact.set_options(mujoco, spec.option)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    _add_looks(mujoco, spec)
+    _draw_links(mujoco, spec, arm)
+    _add_pan(mujoco, spec, arm)
+    _add_object(mujoco, spec.worldbody, friction, object_mass)
+    return spec.compile()
+
+
+def _add_looks(mujoco: Any, spec: Any) -> None:
+    """Add light, ground, sky and materials."""
+    texture, builtin = mujoco.mjtTexture, mujoco.mjtBuiltin
+    spec.add_texture(
+        name="sky", type=texture.mjTEXTURE_SKYBOX, builtin=builtin.mjBUILTIN_GRADIENT,
+        rgb1=[0.80, 0.85, 0.90], rgb2=[0.45, 0.52, 0.60], width=256, height=1536,
+    )  # fmt: skip
+    spec.add_texture(
+        name="tiles", type=texture.mjTEXTURE_2D, builtin=builtin.mjBUILTIN_CHECKER, mark=mujoco.mjtMark.mjMARK_EDGE,
+        rgb1=[0.63, 0.67, 0.66], rgb2=[0.60, 0.64, 0.63], markrgb=[0.52, 0.56, 0.55], width=512, height=512,
+    )  # fmt: skip
+    ground = spec.add_material(name="ground", texrepeat=[4.0, 4.0], texuniform=True)
+    ground.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    for name, rgba, specular, shininess in (
+        ("pan", PAN_COLOUR, 0.7, 0.6),
+        ("handle", HANDLE_COLOUR, 0.3, 0.3),
+        ("link", LINK_COLOUR, 0.5, 0.6),
+        ("joint", JOINT_COLOUR, 0.4, 0.5),
+        ("object", OBJECT_COLOUR, 0.3, 0.4),
+        ("cap", CAP_COLOUR, 0.3, 0.4),
+    ):
+        spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess)
+    world = spec.worldbody
+    world.add_light(
+        pos=[1.2, -1.4, 2.6], dir=[-0.26, 0.50, -0.83], diffuse=[0.65] * 3, specular=[0.35] * 3, castshadow=True
+    )
+    world.add_light(
+        pos=[1.5, 1.8, 1.8], dir=[-0.4, -0.7, -0.6], diffuse=[0.22] * 3, specular=[0.0] * 3, castshadow=False
+    )
+    world.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[GROUND_HALF, GROUND_HALF, 0.1],
+        material="ground",
+        contype=GROUND,
+        conaffinity=0,
+    )
+    visual = spec.visual
+    visual.headlight.ambient = [0.32] * 3
+    visual.headlight.diffuse = [0.22] * 3
+    visual.headlight.specular = [0.0] * 3
+    visual.quality.shadowsize = 2048
+    visual.map.znear = 0.02
+    visual.map.shadowclip = 1.5
+    spec.stat.center = [0.4, 0.0, 0.35]
+    spec.stat.extent = 1.5
+
+
+def _draw_links(mujoco: Any, spec: Any, arm: HeldPan) -> None:
+    """Draw an arm that has no shapes of its own: a capsule from each joint to the next, and a ball at each joint."""
+    chain = [joint.parent for joint in spec.joints]
+    if any(body.geoms for body in chain):
+        return
+    kind = mujoco.mjtGeom
+    before = THICKEST
+    for index, body in enumerate(chain):
+        radius = THICKEST + (THINNEST - THICKEST) * index / max(1, len(chain) - 1)
+        last = index + 1 == len(chain)
+        end = np.array(arm.mounted.position if last else chain[index + 1].pos)
+        _show(body, kind.mjGEOM_SPHERE, "joint", size=[1.12 * before, 0, 0])
+        if not last and np.linalg.norm(end) > radius:
+            _show(body, kind.mjGEOM_CAPSULE, "link", fromto=[0.0, 0.0, 0.0, *end], size=[radius, 0, 0])
+            before = radius
+    base = np.array(chain[0].pos)
+    if np.linalg.norm(base) > THICKEST:
+        _show(spec.worldbody, kind.mjGEOM_CYLINDER, "link", fromto=[0.0, 0.0, 0.0, *base], size=[1.25 * THICKEST, 0, 0])
+
+
+def _add_pan(mujoco: Any, spec: Any, arm: HeldPan) -> None:
+    """Add the pan, without a mass of its own: the last link of an arm has it."""
+    kind = mujoco.mjtGeom
+    pan = spec.body(arm.hand).add_body(name="held pan", pos=arm.mounted.position, quat=_quaternion(mujoco, arm.mounted))
+    pan.add_site(name="pan centre")
+    touching = {"condim": 3, "conaffinity": 0, "mass": 0.0, "group": 3}
+    half = 0.5 * g.PAN_THICKNESS
+    pan.add_geom(
+        type=kind.mjGEOM_CYLINDER, size=[g.PAN_RADIUS, half, 0.0], pos=[0, 0, -half], contype=BOTTOM, **touching
+    )
+    half = 0.5 * (g.RIM_HEIGHT + g.PAN_THICKNESS)
+    middle = g.PAN_RADIUS + 0.5 * g.RIM_THICKNESS
+    width = (g.PAN_RADIUS + g.RIM_THICKNESS) * math.tan(math.pi / g.RIM_BOXES)
+    for angle in np.arange(g.RIM_BOXES) * (2.0 * math.pi / g.RIM_BOXES):
+        pan.add_geom(
+            type=kind.mjGEOM_BOX,
+            size=[0.5 * g.RIM_THICKNESS, width, half],
+            pos=[middle * math.cos(angle), middle * math.sin(angle), half - g.PAN_THICKNESS],
+            quat=[math.cos(0.5 * angle), 0.0, 0.0, math.sin(0.5 * angle)],
+            contype=RIM,
+            **touching,
+        )
+    _draw_pan(mujoco, spec, pan, arm.mounted)
+
+
+def _draw_pan(mujoco: Any, spec: Any, pan: Any, mounted: Pose) -> None:
+    """Draw the pan as a body of revolution, and its handle from the hand to the rim."""
+    radius, height, below = g.PAN_RADIUS, g.RIM_HEIGHT, -g.PAN_THICKNESS
+    inside = [(radius - 0.002, 0.0), (radius + 0.001, 0.003), (radius + FLARE, height)]
+    outside = [(radius + FLARE + WALL, height), (radius + 0.004, below + 0.004), (radius - 0.006, below)]
+    vertices, faces = _revolve(inside + outside)
+    mesh = spec.add_mesh(name="pan", uservert=vertices.ravel(), userface=faces.ravel())
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    _show(pan, mujoco.mjtGeom.mjGEOM_MESH, "pan", meshname="pan")
+    hand = -mounted.rotation.T @ mounted.position
+    across = math.hypot(hand[0], hand[1])
+    if across > radius:
+        rim = np.array([*(hand[:2] * (radius + FLARE + WALL) / across), 0.5 * height])
+        _show(pan, mujoco.mjtGeom.mjGEOM_CAPSULE, "handle", fromto=[*hand, *rim], size=[HANDLE_RADIUS, 0, 0])
+
+
+def _revolve(profile: list[tuple[float, float]]) -> tuple[FloatArray, Any]:
+    """Return vertices (n, 3) and triangles (m, 3) of a profile of radii and heights (m), from axis to axis, turned."""
+    angles = np.arange(SEGMENTS) * (2.0 * math.pi / SEGMENTS)
+    rings = [np.stack([r * np.cos(angles), r * np.sin(angles), np.full(SEGMENTS, z)], axis=1) for r, z in profile]
+    first, last = [[0.0, 0.0, profile[0][1]]], [[0.0, 0.0, profile[-1][1]]]
+    vertices = np.concatenate([*rings, first, last])
+    return vertices, np.array(list(_triangles(len(profile))), dtype=np.int32)
+
+
+def _triangles(rings: int) -> Iterator[tuple[int, int, int]]:
+    """Give the triangles of `_revolve`, anticlockwise from outside; the last two vertices lie on the axis."""
+    first, last = rings * SEGMENTS, rings * SEGMENTS + 1
+    for here in range(SEGMENTS):
+        there = (here + 1) % SEGMENTS
+        yield first, here, there
+        yield last, (rings - 1) * SEGMENTS + there, (rings - 1) * SEGMENTS + here
+        for ring in range(rings - 1):
+            a, b = ring * SEGMENTS + here, ring * SEGMENTS + there
+            yield a, a + SEGMENTS, b
+            yield b, a + SEGMENTS, b + SEGMENTS
+
+
+def _add_object(mujoco: Any, world: Any, friction: float, mass: float) -> None:
+    """Add the object, a cylinder that stands on balls; its contacts have its own settings."""
+    kind = mujoco.mjtGeom
+    radius, half = g.OBJECT_RADIUS, 0.5 * g.OBJECT_HEIGHT
+    body = world.add_body(name="object")
+    body.add_freejoint()
+    touching = {
+        "condim": 3, "priority": 1, "contype": 0, "solref": contact.SOLREF, "friction": [friction, 0.0, 0.0],
+        "group": 3,
+    }  # fmt: skip
+    body.add_geom(type=kind.mjGEOM_CYLINDER, size=[radius, half, 0.0], mass=mass, conaffinity=RIM | GROUND, **touching)
+    foot = contact.FOOT_RADIUS
+    for angle in np.arange(contact.FEET) * (2.0 * math.pi / contact.FEET):
+        for z in (foot - half, half - foot):
+            place = [(radius - foot) * math.cos(angle), (radius - foot) * math.sin(angle), z]
+            body.add_geom(
+                type=kind.mjGEOM_SPHERE, size=[foot, 0, 0], pos=place, mass=0.0, conaffinity=BOTTOM, **touching
+            )
+    _show(body, kind.mjGEOM_CYLINDER, "object", size=[radius, half, 0])
+    _show(body, kind.mjGEOM_CYLINDER, "cap", size=[0.72 * radius, 0.001, 0], pos=[0, 0, half])
+
+
+def _show(body: Any, kind: Any, material: str, **shape: Any) -> None:
+    """Add a shape that is only seen."""
+    body.add_geom(type=kind, material=material, contype=0, conaffinity=0, mass=0.0, group=1, **shape)
+
+
+def _quaternion(mujoco: Any, pose: Pose) -> FloatArray:
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose.rotation).ravel())
+    return quaternion
