@@ -48,6 +48,7 @@ ROOMS = [
     "planner",
     "many",
     "report",
+    "identify",
     "client",
     "arms",
     "arm",

@@ -1,0 +1,452 @@
+"""The friction that explains a log best, how sure that is, and whether the law explains the log at all.
+
+A batch fit by multiple shooting: the log is cut into pieces; each has a position and a velocity of its own at its
+begin, from which the law runs along what the pan did; the two frictions are the same for all. Gauss and Newton's
+method, damped and kept within box bounds, makes the distances to the frames small; a frame far off counts less (Huber).
+Static friction shows in no derivative until the object breaks away, so its interval is found by trying.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from runtime.documents.checks import FloatArray
+from runtime.errors import InputError
+from runtime.friction import MAX_COEFFICIENT, Friction
+from runtime.identify.log import Log
+from runtime.observe.sliding import Belief, Frame
+from runtime.physics.law import DT, GRAVITY, slide_one, slide_step
+
+PIECE = 0.6
+"""Duration of a piece (s): shorter ones know their begin less, longer ones depend on it more."""
+
+LEAST = 0.01
+"""Smallest friction that is tried."""
+
+STEPS = {"kinetic": 2e-3, "static": 1e-2, "position": 1e-5, "velocity": 2e-3}
+"""Changes by which derivatives are found (dimensionless, m, m/s)."""
+
+ITERATIONS = 25
+"""Most steps of a fit."""
+
+SETTLED = 1e-4
+"""Share of the cost that a step must win for the fit to go on."""
+
+TRIED = 18
+"""Static frictions that are tried for its interval."""
+
+LIKELY = 9.0
+"""What the squared distances, over the noise's square, may grow by inside a 95 % interval: more than the 3.84 of a
+smooth problem, since where the object breaks away the squares jump."""
+
+WIDER = 1.5
+"""Times that an interval by derivatives is too narrow for the same reason."""
+
+HUBER = 3.0
+"""Standard deviations from which on a frame counts less."""
+
+LEAST_NOISE = 1e-5
+"""Smallest noise that is assumed (m): rounding in a log."""
+
+SLIDES = 0.02
+"""Speed (m/s) above which the object slides for sure."""
+
+ENOUGH_SLIDING = 0.05
+"""Share of the time that it must slide for its kinetic friction to show."""
+
+CLEAR = 4.5
+"""Standard deviations from zero at which a hint is given, if it also explains WORTH of the residual."""
+
+WORTH = 0.05
+"""Share of the squared residual that a hint must explain."""
+
+MOST_NOISE = 1.4
+"""Times the noise that the residual may be for the law to explain the log."""
+
+REMAINING = 5e-4
+"""Residual (m) that no law is blamed for: pan and camera are no better known."""
+
+
+class Law(NamedTuple):
+    """The law of friction, and by how much it is bent: not at all where the rest is 0.
+
+    Attributes:
+        kinetic, static: friction coefficients.
+        viscous: deceleration by speed (1/s).
+        tilt_x, tilt_y: acceleration that a pan that leans gives (m/s^2).
+        late: by how much the frames' times are late (s).
+    """
+
+    kinetic: float
+    static: float
+    viscous: float = 0.0
+    tilt_x: float = 0.0
+    tilt_y: float = 0.0
+    late: float = 0.0
+
+    @property
+    def friction(self) -> Friction:
+        return Friction(max(self.static, self.kinetic), self.kinetic)
+
+
+HINTS = {
+    "viscous": (1e-2, "1/s", "friction grows with speed (viscous): a film of liquid, a soft foot"),
+    "tilt_x": (1e-2, "m/s^2", "the pan leans towards x"),
+    "tilt_y": (1e-2, "m/s^2", "the pan leans towards y"),
+    "late": (1e-3, "s", "the frames are late: their time stamps are of their arrival, or the pan's are early"),
+}
+"""What may bend the law: by how much it is tried, its unit, what it means."""
+
+
+@dataclass(frozen=True)
+class Hint:
+    """Something besides Coulomb's law that explains a part of the residual.
+
+    Attributes:
+        name: of the term: viscous, tilt_x, tilt_y or late.
+        value: of it, with its standard deviation `spread`, in `unit`.
+        explains: share of the squared residual that it explains.
+        meaning: in words.
+    """
+
+    name: str
+    value: float
+    spread: float
+    unit: str
+    explains: float
+    meaning: str
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What a log tells of the friction.
+
+    Attributes:
+        friction: that explains the log best.
+        kinetic: 95 % interval of the kinetic one; None if the object hardly ever slides.
+        static: 95 % interval of the static one; to MAX_COEFFICIENT if the object never breaks away.
+        covariance: (2, 2) of kinetic and static friction, by the derivatives at the best.
+        residual: root mean square of the distances between frames and law, per coordinate (m).
+        noise: of the frames, found from how rough they are (m).
+        explained: whether the law explains the log: what is left is noise.
+        sliding_share: share of the time that the object slides.
+        hints: what else explains a part of what is left.
+        frames: number of frames, and `outliers` those that are far off.
+        time, seen, law: (m,), (m, 2), (m, 2) the frames, and where the law says the object was (s, m).
+    """
+
+    friction: Friction
+    kinetic: tuple[float, float] | None
+    static: tuple[float, float]
+    covariance: FloatArray
+    residual: float
+    noise: float
+    explained: bool
+    sliding_share: float
+    hints: tuple[Hint, ...]
+    frames: int
+    outliers: int
+    time: FloatArray
+    seen: FloatArray
+    law: FloatArray
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures as a JSON document, SI units throughout."""
+        return {
+            "friction": self.friction.to_dict(),
+            "kinetic_interval": None if self.kinetic is None else list(self.kinetic),
+            "static_interval": list(self.static),
+            "covariance": self.covariance.tolist(),
+            "residual": self.residual,
+            "noise": self.noise,
+            "explained": self.explained,
+            "sliding_share": self.sliding_share,
+            "hints": [asdict(hint) for hint in self.hints],
+            "frames": self.frames,
+            "outliers": self.outliers,
+        }
+
+
+class Piece(NamedTuple):
+    """A part of a log: accelerations (n, d), frames at (m,) seconds from its begin, and their positions (m, 2)."""
+
+    u: FloatArray
+    time: FloatArray
+    position: FloatArray
+
+
+def fit(log: Log, noise: float | None = None) -> Fit:
+    """Fit the friction.
+
+    Args:
+        log: what was recorded.
+        noise: standard deviation of a frame's position (m); found in the log if None.
+
+    Raises:
+        InputError: the noise is not greater than zero.
+    """
+    if noise is not None and not noise > 0.0:
+        raise InputError(f"noise must be greater than 0 m, got {noise:g} m")
+    sigma = max(_noise(log) if noise is None else noise, LEAST_NOISE)
+    pieces = _pieces(log)
+    law, begins = _first_guess(log, pieces, sigma)
+    law, begins = _solve(pieces, law, begins, sigma)
+    law, begins, static = _static_interval(pieces, law, begins, sigma)
+
+    left = np.concatenate(_residuals(pieces, law, begins))
+    weights = _weights(left, sigma)
+    counted = float(np.sqrt((weights[:, None] * left * left).sum() / (2.0 * weights.sum())))
+    scale = max(sigma, counted)
+    covariance = _covariance(pieces, law, begins, weights) * scale * scale
+    speeds = [np.hypot(*slide_one(b, p.u, law.friction)[:, 2:].T) for p, b in zip(pieces, begins, strict=True)]
+    sliding = float(np.mean(np.concatenate(speeds) > SLIDES))
+    spread = 2.0 * WIDER * math.sqrt(max(covariance[0, 0], 0.0))
+    kinetic = (max(0.0, law.kinetic - spread), law.kinetic + spread) if sliding > ENOUGH_SLIDING else None
+    predicted = np.concatenate([piece.position for piece in pieces]) - left
+    return Fit(
+        friction=law.friction,
+        kinetic=kinetic,
+        static=static,
+        covariance=covariance,
+        residual=counted,
+        noise=sigma,
+        explained=counted <= max(MOST_NOISE * sigma, REMAINING),
+        sliding_share=sliding,
+        hints=_hints(pieces, law, begins, weights, left),
+        frames=len(left),
+        outliers=int((weights < 1.0).sum()),
+        time=log.time[: len(left)],
+        seen=predicted + left,
+        law=predicted,
+    )
+
+
+def _noise(log: Log) -> float:
+    """Return the noise of the frames: the part of third differences that no motion of a pan makes."""
+    steady = np.abs(np.diff(log.time) - np.median(np.diff(log.time))) < 0.5 * np.median(np.diff(log.time))
+    third = np.diff(log.position, n=3, axis=0)[steady[:-2] & steady[1:-1] & steady[2:]]
+    return float(np.median(np.abs(third))) / 0.6745 / math.sqrt(20.0) if len(third) else LEAST_NOISE
+
+
+def _pieces(log: Log) -> list[Piece]:
+    samples = len(log.acceleration)
+    count = max(1, round(samples * DT / PIECE))
+    borders = np.linspace(0, samples, count + 1).round().astype(int)
+    pieces = []
+    for first, last in pairwise(borders.tolist()):
+        final = last == samples
+        inside = (log.time >= first * DT - 1e-9) & ((log.time < last * DT - 1e-9) | final)
+        time = np.clip(log.time[inside] - first * DT, 0.0, (last - first) * DT)
+        pieces.append(Piece(log.acceleration[first:last], time, log.position[inside]))
+    return pieces
+
+
+def _first_guess(log: Log, pieces: list[Piece], sigma: float) -> tuple[Law, list[FloatArray]]:
+    """Return what the observer makes of the log, which needs no guess."""
+    belief = Belief.begin(0, np.array([*log.position[0], 0.0, 0.0]), Friction())
+    states = {0: belief.state}
+    for time, position in zip(log.time, log.position, strict=True):
+        at = min(round(time / DT), len(log.acceleration))
+        if at > belief.frame.at:
+            belief = belief.see(Frame(at, position), log.acceleration[belief.frame.at : at], max(sigma, 1e-4))
+            states[at] = belief.state
+    begins, first, known = [], 0, np.array(sorted(states))
+    for piece in pieces:
+        at = int(known[max(int(np.searchsorted(known, first, side="right")) - 1, 0)])
+        moved = slide_one(states[at], log.acceleration[at:first], belief.friction)
+        begins.append(moved[-1] if len(moved) else states[at])
+        first += len(piece.u)
+    return Law(belief.friction.kinetic, belief.friction.static), begins
+
+
+def _run(piece: Piece, law: Law, begin: FloatArray) -> FloatArray:
+    """Return where the law says the object was in the frames of a piece, (m, 2) (m)."""
+    if law.viscous or law.tilt_x or law.tilt_y:
+        states = _slide_bent(piece.u, law, begin)
+    else:
+        states = slide_one(begin, piece.u, law.friction)
+    position = np.concatenate([begin[None, :2], states[:, :2]])
+    at = np.clip(piece.time - law.late, 0.0, len(piece.u) * DT) / DT
+    low = np.minimum(at.astype(int), len(piece.u) - 1)
+    share = (at - low)[:, None]
+    found: FloatArray = position[low] + share * (position[low + 1] - position[low])
+    return found
+
+
+def _slide_bent(u: FloatArray, law: Law, begin: FloatArray) -> FloatArray:
+    """Slide with the terms that bend the law: as accelerations of the pan, which act on the object alike."""
+    friction, rows = law.friction, []
+    px, py, vx, vy = begin.tolist()
+    for ux, uy, *lift in u.tolist():
+        normal = GRAVITY + (lift[0] if lift else 0.0)
+        ax, ay = ux - law.tilt_x + law.viscous * vx, uy - law.tilt_y + law.viscous * vy
+        px, py, vx, vy = slide_step(px, py, vx, vy, ax, ay, friction.static * normal, friction.kinetic * normal, DT)
+        rows.append((px, py, vx, vy))
+    return np.array(rows)
+
+
+def _residuals(pieces: list[Piece], law: Law, begins: list[FloatArray]) -> list[FloatArray]:
+    return [piece.position - _run(piece, law, begin) for piece, begin in zip(pieces, begins, strict=True)]
+
+
+def _weights(residual: FloatArray, sigma: float) -> FloatArray:
+    """Return the weight of each frame: less than 1 beyond HUBER times the noise, or the median of the distances."""
+    size = np.hypot(*residual.T)
+    scale = HUBER * max(sigma, float(np.median(size)) / 1.1774)
+    weights: FloatArray = np.minimum(1.0, scale / np.maximum(size, 1e-12))
+    return weights
+
+
+def _derivative(change: Callable[[float], FloatArray], step: float) -> FloatArray:
+    slope: FloatArray = (change(step) - change(-step)) / (2.0 * step)
+    return slope
+
+
+def _jacobian(pieces: list[Piece], law: Law, begins: list[FloatArray]) -> FloatArray:
+    """Return (2 m, 2 + 4 pieces) derivatives of the positions by kinetic and static friction and by the begins."""
+    rows = [2 * len(piece.time) for piece in pieces]
+    full = np.zeros((sum(rows), 2 + 4 * len(pieces)))
+    row = 0
+    for index, (piece, begin) in enumerate(zip(pieces, begins, strict=True)):
+        part = slice(row, row + rows[index])
+        full[part, :2], full[part, 2 + 4 * index : 6 + 4 * index] = _slopes(piece, law, begin)
+        row += rows[index]
+    return full
+
+
+def _slopes(piece: Piece, law: Law, begin: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of one piece's positions, (2 m, 2) by the frictions and (2 m, 4) by its begin."""
+    by_friction = [
+        _derivative(partial(_with_friction, piece, law, begin, name), STEPS[name]) for name in ("kinetic", "static")
+    ]
+    by_begin = [
+        _derivative(partial(_with_begin, piece, law, begin, axis), STEPS["position" if axis < 2 else "velocity"])
+        for axis in range(4)
+    ]
+    return np.stack(by_friction, axis=1), np.stack(by_begin, axis=1)
+
+
+def _with_friction(piece: Piece, law: Law, begin: FloatArray, name: str, step: float) -> FloatArray:
+    return _run(piece, _changed(law, name, step), begin).ravel()
+
+
+def _with_begin(piece: Piece, law: Law, begin: FloatArray, axis: int, step: float) -> FloatArray:
+    changed = begin.copy()
+    changed[axis] += step
+    return _run(piece, law, changed).ravel()
+
+
+def _changed(law: Law, name: str, step: float) -> Law:
+    value = getattr(law, name) + step
+    return law._replace(**{name: min(max(value, LEAST), MAX_COEFFICIENT) if name in ("kinetic", "static") else value})
+
+
+def _cost(residual: FloatArray, sigma: float) -> float:
+    """Return the cost of distances: their squares over the noise's, linear beyond HUBER of it."""
+    size = np.hypot(*residual.T) / sigma
+    return float(np.where(size <= HUBER, size * size, HUBER * (2.0 * size - HUBER)).sum())
+
+
+def _solve(
+    pieces: list[Piece],
+    law: Law,
+    begins: list[FloatArray],
+    sigma: float,
+    hold_static: bool = False,
+    most: int = ITERATIONS,
+) -> tuple[Law, list[FloatArray]]:
+    """Make the cost small, from a guess."""
+    damping = 1e-3
+    residual = np.concatenate(_residuals(pieces, law, begins))
+    cost = _cost(residual, sigma)
+    for _ in range(most):
+        jacobian = _jacobian(pieces, law, begins)
+        if hold_static:
+            jacobian[:, 1] = 0.0
+        weights = np.repeat(_weights(residual, sigma), 2)
+        normal = jacobian.T @ (weights[:, None] * jacobian)
+        gradient = jacobian.T @ (weights * residual.ravel())
+        won = 0.0
+        for _ in range(8):
+            scale = np.diag(normal) + 1e-9
+            step = np.linalg.solve(normal + np.diag(damping * scale + 1e-12), gradient)
+            kinetic = min(max(law.kinetic + float(step[0]), LEAST), MAX_COEFFICIENT)
+            static = min(max(law.static + float(step[1]), kinetic), MAX_COEFFICIENT)
+            tried = law._replace(kinetic=kinetic, static=law.static if hold_static else static)
+            moved = [begin + step[2 + 4 * i : 6 + 4 * i] for i, begin in enumerate(begins)]
+            after = np.concatenate(_residuals(pieces, tried, moved))
+            new = _cost(after, sigma)
+            if new < cost:
+                won, damping = cost - new, 0.3 * damping
+                law, begins, residual, cost = tried, moved, after, new
+                break
+            damping *= 5.0
+        if won <= SETTLED * cost:
+            break
+    return law, begins
+
+
+def _static_interval(
+    pieces: list[Piece], law: Law, begins: list[FloatArray], sigma: float
+) -> tuple[Law, list[FloatArray], tuple[float, float]]:
+    """Try static frictions, and return the best of all, with the interval of those that explain the log as well."""
+    peak = max(float(np.hypot(piece.u[:, 0], piece.u[:, 1]).max()) for piece in pieces) / GRAVITY
+    top = max(1.1 * peak, 1.2 * law.kinetic)
+    tried = np.unique(np.concatenate([np.geomspace(max(law.kinetic, LEAST), top, TRIED), [law.static]]))
+    outcomes = []
+    for static in tried.tolist():
+        held = law._replace(static=static)
+        outcomes.append(_solve(pieces, held, begins, sigma, hold_static=True, most=3))
+    costs = np.array([_cost(np.concatenate(_residuals(pieces, *each)), sigma) for each in outcomes])
+    best = int(costs.argmin())
+    law, begins = _solve(pieces, *outcomes[best], sigma, hold_static=True)
+    scale = max(1.0, float(costs[best]) / max(1.0, 2.0 * sum(len(piece.time) for piece in pieces)))
+    likely = costs <= costs[best] + LIKELY * scale
+    first, last = int(likely.argmax()), len(tried) - 1 - int(likely[::-1].argmax())
+    low = float(tried[first - 1]) if first > 0 else 0.0
+    high = float(tried[last + 1]) if last < len(tried) - 1 else MAX_COEFFICIENT
+    return law, begins, (max(low, 0.0), high)
+
+
+def _covariance(pieces: list[Piece], law: Law, begins: list[FloatArray], weights: FloatArray) -> FloatArray:
+    """Return the covariance (2, 2) of the frictions for a noise of 1 m, the begins being unknown too."""
+    jacobian = _jacobian(pieces, law, begins)
+    normal = jacobian.T @ (np.repeat(weights, 2)[:, None] * jacobian)
+    covariance: FloatArray = np.linalg.pinv(normal, rcond=1e-12).astype(np.float64)[:2, :2]
+    return covariance
+
+
+def _hints(
+    pieces: list[Piece], law: Law, begins: list[FloatArray], weights: FloatArray, left: FloatArray
+) -> tuple[Hint, ...]:
+    """Return what else explains a part of what is left: each term's size by one step of the fit with it added."""
+    root = np.sqrt(np.repeat(weights, 2))
+    known = _jacobian(pieces, law, begins) * root[:, None]
+    rest = left.ravel() * root
+    basis = np.linalg.svd(known, full_matrices=False)[0]
+    total = float(rest @ rest)
+    hints = []
+    for name, (step, unit, meaning) in HINTS.items():
+
+        def run(size: float, name: str = name) -> FloatArray:
+            bent = law._replace(**{name: size})
+            return np.concatenate([_run(p, bent, b).ravel() for p, b in zip(pieces, begins, strict=True)])
+
+        column = np.asarray(_derivative(run, step) * root, dtype=np.float64)
+        column -= basis @ (basis.T @ column)
+        square = float(column @ column)
+        if square <= 0.0 or total <= 0.0:
+            continue
+        value = float(column @ rest) / square
+        explains = value * value * square / total
+        spread = math.sqrt((1.0 - explains) * total / max(1, len(rest) - known.shape[1] - 1) / square)
+        if abs(value) > CLEAR * spread and explains > WORTH:
+            hints.append(Hint(name, value, spread, unit, explains, meaning))
+    return tuple(sorted(hints, key=lambda hint: -hint.explains))
