@@ -10,9 +10,13 @@ from runtime.arms.description import ArmDescription
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError, extra
 from runtime.physics.law import DT, GRAVITY
+from runtime.sizes import Sizes
 
 PAN_BODY = "pan"
 PAN_SITE = "pan_centre"
+PAN_SPACE = 0.1
+"""Height of the space above the pan that belongs to it and the object (m)."""
+
 SHORTEST_SHAPE = 1e-3
 """Length below which a link is drawn without a capsule (m)."""
 
@@ -78,6 +82,39 @@ def arm_spec(arm: ArmDescription) -> Any:
     return spec
 
 
+def _add_clearance(spec: Any, mujoco: Any) -> None:
+    """Add the space that the pan and the object on it take, as a shape that touches nothing."""
+    half = 0.5 * PAN_SPACE
+    spec.body(PAN_BODY).add_geom(
+        name=PAN_BODY,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[Sizes().pan_radius, half, 0.0],
+        pos=[0.0, 0.0, half],
+        contype=0,
+        conaffinity=0,
+        mass=0.0,
+    )
+
+
+def pose_error(target: FloatArray, attitude: FloatArray, position: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return (6,) what leads from a pose to a target near it: a way (m) and a rotation vector (rad), in the world.
+
+    Args:
+        target: (3,) where it is to be.
+        attitude: (3, 3) how it is to stand.
+        position, rotation: where and how it is.
+    """
+    error = np.empty(6)
+    error[:3] = target - position
+    turn = attitude @ rotation.T
+    error[3:] = (
+        0.5 * turn[2, 1] - 0.5 * turn[1, 2],
+        0.5 * turn[0, 2] - 0.5 * turn[2, 0],
+        0.5 * turn[1, 0] - 0.5 * turn[0, 1],
+    )
+    return error
+
+
 class ArmModel:
     """Kinematics and dynamics of an arm that holds a pan; joint angles in rad, in the order of its joints.
 
@@ -96,12 +133,16 @@ class ArmModel:
             import mujoco
         self.arm = arm
         self._mujoco = mujoco
+        spec = arm_spec(arm)
+        _add_clearance(spec, mujoco)
         try:
-            self.model = arm_spec(arm).compile()
+            self.model = spec.compile()
         except ValueError as error:
             raise InputError(f"arm {arm.name}: {' '.join(str(error).split())}") from error
         self.data = mujoco.MjData(self.model)
         self._site = self.model.site(PAN_SITE).id
+        before = {self.model.body(joint.name).id for joint in arm.joints[:-3]}
+        self._links = [geom for geom in range(self.model.ngeom) if self.model.geom_bodyid[geom] in before]
         self._jacobian = np.zeros((6, self.model.nv))
 
     def pan(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -120,6 +161,14 @@ class ArmModel:
         mujoco.mj_comPos(self.model, data)
         mujoco.mj_jacSite(self.model, data, self._jacobian[:3], self._jacobian[3:], self._site)
         return data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3), self._jacobian
+
+    def clear(self, q: FloatArray, distance: float) -> bool:
+        """Tell whether the pan is farther than a distance (m) from all links but the last three, at angles q (n,)."""
+        mujoco, data = self._mujoco, self.data
+        data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, data)
+        pan, far = self.model.geom(PAN_BODY).id, 2.0 * distance
+        return all(mujoco.mj_geomDistance(self.model, data, geom, pan, far, None) > distance for geom in self._links)
 
     def torque(self, q: FloatArray, speed: FloatArray, acceleration: FloatArray) -> FloatArray:
         """Return the torques (k, n) (N m) of a motion: joint angles, speeds and accelerations, each (k, n)."""

@@ -16,7 +16,7 @@ MORE_IN = {
     "runtime/arm/bullet": {"pybullet"},
     "runtime/arm/mujoco": {"mujoco"},
     "runtime/arm/film.py": {"imageio_ffmpeg"},
-    "runtime/arms": {"mujoco"},
+    "runtime/arms": {"mujoco", "mcap_ros2"},
     "runtime/commands/parquet.py": {"pyarrow"},
     "runtime/outputs/parquet_file.py": {"pyarrow"},
     "runtime/outputs/frame.py": {"pandas"},

@@ -14,11 +14,10 @@ from runtime.arm.geometry import HOME_POSITION, home_angles
 from runtime.arm.urdf import ARM_URDF
 from runtime.arms.description import LIMITS, Body, Frame, disc
 from runtime.arms.load import arm_names, load_arm
+from runtime.arms.model import ArmModel
 from runtime.errors import FormatError, InputError
 
 pytest.importorskip("mujoco")
-
-from runtime.arms.model import ArmModel
 
 QUARTER = math.pi / 2
 CRAIG = "Craig"
