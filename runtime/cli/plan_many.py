@@ -17,6 +17,7 @@ from runtime.cli.options import FrictionOptions, LimitOptions, SizeOptions, chos
 from runtime.commands.reading import Reading
 from runtime.errors import OutputError, SlideError
 from runtime.many.folder import begin, describe, done_shards, failures, held, outcomes
+from runtime.many.lerobot import check_new, write_dataset
 from runtime.many.records import SHARD_COMMANDS, Shard, Source, open_source
 from runtime.many.shard import Done, Task
 from runtime.many.workers import plan_shards
@@ -61,6 +62,10 @@ def slide_plan_many(
     states: Annotated[
         bool, typer.Option("--states", help="Write the states of pan and object, too: ten times the size.")
     ] = False,
+    lerobot: Annotated[
+        Path | None,
+        typer.Option("--lerobot", help="Write a LeRobotDataset v3 of the plans, too.", metavar="DIR"),
+    ] = None,
     shard: Annotated[
         int, typer.Option("--shard", min=1, help="Commands whose plans are one file.", metavar="N")
     ] = SHARD_COMMANDS,
@@ -81,6 +86,8 @@ def slide_plan_many(
     processes make them.
     """
     check_parquet()
+    if lerobot is not None:
+        check_new(lerobot)
     found = open_source(source)
     bundle = Bundle.load(DEFAULT_BUNDLE if model is None else model)
     manifest = bundle.manifest
@@ -93,7 +100,7 @@ def slide_plan_many(
         limits=chosen(limits, manifest.limits),
         sizes=chosen(sizes, manifest.sizes),
         tolerance=tolerance,
-        states=states,
+        states=states or lerobot is not None,
         compiled=found.count >= COMPILED_FROM and compiler() is not None,
     )
     if found.passed:
@@ -119,6 +126,8 @@ def slide_plan_many(
                 f"{error}; {progress.so_far()}, which are whole. Once it can be written, the same command goes on from "
                 "here"
             ) from error
+        if lerobot is not None:
+            say(NAME, f"{lerobot}: {write_dataset(output, lerobot):,} episodes")
     _conclude(output, found, as_json)
 
 

@@ -123,9 +123,18 @@ def begin(folder: Path, description: Mapping[str, Any]) -> bool:
     return False
 
 
+def plan_files(folder: Path) -> list[Path]:
+    """Return the files of plans, in order."""
+    return sorted(folder.glob("plans-[0-9]*.parquet"), key=_number)
+
+
 def done_shards(folder: Path) -> set[int]:
     """Return the numbers of the shards that are written."""
-    return {int(file.stem.removeprefix("plans-")) for file in folder.glob("plans-[0-9]*.parquet")}
+    return {_number(file) for file in plan_files(folder)}
+
+
+def _number(file: Path) -> int:
+    return int(file.stem.rpartition("-")[2])
 
 
 def outcomes(folder: Path) -> list[Outcome]:
@@ -133,7 +142,7 @@ def outcomes(folder: Path) -> list[Outcome]:
     from pyarrow import parquet
 
     errors: dict[str, list[Any]] = {}
-    for file in sorted(folder.glob("plans-[0-9]*.parquet")):
+    for file in plan_files(folder):
         table = parquet.read_table(file, columns=["status", "tracking_rmse"])
         statuses, values = np.array(table["status"].to_pylist()), table["tracking_rmse"].to_numpy()
         for status in set(statuses.tolist()):
@@ -149,7 +158,7 @@ def failures(folder: Path) -> tuple[int, list[str]]:
     from pyarrow import parquet
 
     count, first = 0, list[str]()
-    for file in sorted(folder.glob("failures-[0-9]*.parquet")):
+    for file in sorted(folder.glob("failures-[0-9]*.parquet"), key=_number):
         table = parquet.read_table(file)
         count += len(table)
         rows = table.slice(0, max(0, SHOWN - len(first))).to_pylist()
