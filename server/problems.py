@@ -35,6 +35,7 @@ TITLES = {
     "unsupported-media-type": (415, "The body is not of a media type that is read"),
     "invalid": (422, "The request asks for what cannot be planned"),
     "too-fast": (429, "Too many steps come in a short time"),
+    "too-many": (429, "This client has its share"),
     "header-too-large": (431, "The header is too large"),
     "failed": (500, "The server failed"),
     "overloaded": (503, "Too much is waiting to be planned"),

@@ -44,8 +44,8 @@ no request meets a connection that is just being closed."""
 def slide_serve(**given: Any) -> None:
     """Serve plans over HTTP.
 
-    Each option is a variable of the environment too, and goes before it. The bearer token is a variable only,
-    SLIDE_TOKEN: everyone on the machine can read a command line.
+    Each option is a variable of the environment too, and goes before it. Bearer tokens are variables only, SLIDE_TOKEN
+    for one and SLIDE_TOKENS for several with names: everyone on the machine can read a command line.
     """
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})

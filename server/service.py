@@ -10,11 +10,13 @@ from contextlib import contextmanager
 
 from runtime import Planner, SlideError
 from server.metrics import Metrics
-from server.planning.dispatcher import Dispatcher, overloaded
+from server.planning.dispatcher import Dispatcher
 from server.planning.messages import PlannerOptions
 from server.planning.process import PLANNING_COMMAND
+from server.planning.reader import Reader
 from server.problems import Problem
 from server.settings import Settings
+from server.shares import AGAIN, Gate, Lease, Shares
 
 log = logging.getLogger("slide-serve")
 
@@ -29,44 +31,67 @@ class Service:
     Attributes:
         settings: what the server was told.
         metrics: what is counted.
-        in_flight: requests being answered.
-        streams: streams open.
+        held: bytes of requests that are held.
+        steps: by turns, the steps of streams.
         stopping: whether the server takes no new work.
         failure: why no plans can be made; None while there is hope.
         on_failure: called then.
     """
 
     def __init__(self, settings: Settings, command: Sequence[str] = PLANNING_COMMAND) -> None:
+        share = settings.client_share
         self.settings = settings
         self.metrics = Metrics()
-        self.in_flight = 0
-        self.streams = 0
+        self.held = Shares("bytes of requests", settings.max_held, share)
+        self._requests = Shares("requests", settings.max_queue + settings.max_batch, share)
+        self._streams = Shares("streams", settings.max_streams, share)
+        self.metrics.in_flight.set_function(lambda: self.in_flight)
+        self.metrics.streams.set_function(lambda: self.streams)
+        self.steps = Gate()
         self.stopping = False
         self.failure: Exception | None = None
         self.on_failure: Callable[[], None] = lambda: None
         self._command = command
-        self._planner: Planner | None = None
-        self._dispatcher: Dispatcher | None = None
+        self._ready: tuple[Planner, Reader, Dispatcher] | None = None
 
     async def run(self) -> None:
-        """Load the bundle, for the streams, and keep a process that plans with it, until cancelled."""
+        """Load the bundle, for the streams, and keep processes that read and plan with it, until cancelled."""
         settings = self.settings
         try:
-            self._planner = await asyncio.to_thread(Planner, settings.model, sha256=settings.bundle_sha256)
-            bundle = self._planner.bundle
-            options = PlannerOptions(settings.model, bundle.sha256, settings.max_refine_ms > 0.0)
+            planner = await asyncio.to_thread(Planner, settings.model, sha256=settings.bundle_sha256)
+            manifest = planner.bundle.manifest
+            options = PlannerOptions(settings.model, planner.bundle.sha256, settings.max_refine_ms > 0.0)
             gc.freeze()  # what is loaded stays: it need not be looked through again and again
-            self._dispatcher = Dispatcher(options, bundle.manifest, settings, self.metrics, self._command)
-            await self._dispatcher.run()
-        except (SlideError, OSError) as error:
-            log.error("error: %s", error)
-            self.failure = error
+            reader = Reader(manifest, settings)
+            dispatcher = Dispatcher(options, manifest, settings, self.metrics, self._command)
+            self._ready = planner, reader, dispatcher
+            async with asyncio.TaskGroup() as both:
+                both.create_task(reader.run())
+                both.create_task(dispatcher.run())
+        except* (SlideError, OSError) as errors:
+            log.error("error: %s", errors.exceptions[0])
+            self.failure = errors.exceptions[0]
             self.on_failure()
+
+    @property
+    def in_flight(self) -> int:
+        """Requests being answered."""
+        return self._requests.held
+
+    @property
+    def streams(self) -> int:
+        """Streams open."""
+        return self._streams.held
 
     @property
     def planner(self) -> Planner:
         """What streams are followed with; raises as `dispatcher`."""
         return self._when_ready()[0]
+
+    @property
+    def reader(self) -> Reader:
+        """What reads outside the event loop; raises as `dispatcher`."""
+        return self._when_ready()[1]
 
     @property
     def dispatcher(self) -> Dispatcher:
@@ -75,52 +100,47 @@ class Service:
         Raises:
             Problem: `not-ready` or `stopping`.
         """
-        return self._when_ready()[1]
+        return self._when_ready()[2]
 
-    def _when_ready(self) -> tuple[Planner, Dispatcher]:
+    def _when_ready(self) -> tuple[Planner, Reader, Dispatcher]:
         """Return what plans, if new work can be taken.
 
         Raises:
             Problem: `not-ready` or `stopping`.
         """
         if self.stopping:
-            raise Problem("stopping", headers={"Retry-After": "1"})
-        if self._planner is None or self._dispatcher is None or self._dispatcher.process is None:
-            raise Problem("not-ready", "the model is being loaded", headers={"Retry-After": "1"})
-        return self._planner, self._dispatcher
+            raise Problem("stopping", headers=AGAIN)
+        if self._ready is None or self._ready[1].process is None or self._ready[2].process is None:
+            raise Problem("not-ready", "the model is being loaded", headers=AGAIN)
+        return self._ready
 
-    def check_room(self) -> None:
-        """Check that one request more can be planned.
+    def check_room(self, client: str) -> None:
+        """Check that one request more of a client can be planned.
 
         Raises:
-            Problem: `overloaded`, `not-ready` or `stopping`.
+            Problem: `overloaded`, `too-many`, `not-ready` or `stopping`.
         """
-        if self.dispatcher.full or self.in_flight >= self.settings.max_queue + self.settings.max_batch:
-            raise overloaded()
+        self.dispatcher.check_room(client)
+        self._requests.take(client).release()
 
-    @contextmanager
-    def admitted(self) -> Iterator[Dispatcher]:
-        """Count a request as in flight, before anything of its body is read.
+    def admit(self, client: str) -> Lease:
+        """Count a request as in flight, before anything of its body is read, until it is released.
 
         Raises:
             Problem: as `check_room`.
         """
-        self.check_room()
-        self.in_flight += 1
-        self.metrics.in_flight.inc()
-        try:
-            yield self.dispatcher
-        finally:
-            self.in_flight -= 1
-            self.metrics.in_flight.dec()
+        self.dispatcher.check_room(client)
+        return self._requests.take(client)
 
     @contextmanager
-    def streaming(self) -> Iterator[None]:
-        """Count a stream as open."""
-        self.streams += 1
-        self.metrics.streams.inc()
+    def streaming(self, client: str) -> Iterator[None]:
+        """Count a stream as open.
+
+        Raises:
+            Problem: `overloaded` or `too-many`: there are too many.
+        """
+        place = self._streams.take(client)
         try:
             yield
         finally:
-            self.streams -= 1
-            self.metrics.streams.dec()
+            place.release()

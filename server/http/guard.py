@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import ipaddress
 import logging
 import time
 
@@ -32,6 +33,9 @@ SECURITY_HEADERS = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
 
+
+CLIENT = "slide.client"
+"""Key of a request's scope: the name of who asks, see `client_of`."""
 
 CLIENT_LEFT = 499
 """Status that a request is counted under whose client left before there was an answer."""
@@ -66,10 +70,10 @@ class Guard:
             await send(message)
 
         try:
-            if scope["path"] in PROTECTED and not carries_token(scope, self._service.settings):
-                raise Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
+            if scope["path"] in PROTECTED:
+                scope[CLIENT] = client_of(scope, self._service.settings)
             if scope["path"] in PLANNING and scope["method"] == "POST":
-                self._service.check_room()  # here it costs least: nothing has been looked at
+                self._service.check_room(scope[CLIENT])  # here it costs least: nothing has been looked at
             await self._app(scope, receive, send_with_headers)
         except Problem as problem:
             await problem.response()(scope, receive, send_with_headers)
@@ -87,9 +91,37 @@ class Guard:
             metrics.total_time.observe(time.perf_counter() - begin)
 
 
-def carries_token(scope: Scope, settings: Settings) -> bool:
-    """Whether a request carries the token, if there is one; compared in a time that does not tell where it differs."""
-    if settings.token is None:
-        return True
-    expected = f"Bearer {settings.token.get_secret_value()}".encode()
-    return hmac.compare_digest(Headers(scope=scope).get("authorization", "").encode(), expected)
+def client_of(scope: Scope, settings: Settings) -> str:
+    """Return the name of who asks: that of the token where tokens have names, and the address otherwise.
+
+    Tokens are compared in a time that does not tell where they differ.
+
+    Raises:
+        Problem: `unauthorized`: there are tokens, and it carries none of them.
+    """
+    address = scope["client"][0] if scope.get("client") else ""
+    if not settings.needs_token:
+        return network_of(address)
+    scheme, _, given = Headers(scope=scope).get("authorization", "").partition(" ")
+    found = ""
+    if scheme.lower() == "bearer":
+        data = given.strip(" ").encode()
+        for name, token in settings.clients.items():
+            if hmac.compare_digest(data, token.encode()):
+                found = name
+        if settings.token is not None and hmac.compare_digest(data, settings.token.get_secret_value().encode()):
+            found = network_of(address)
+    if not found:
+        raise Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
+    return found
+
+
+def network_of(address: str) -> str:
+    """Return the address that a client counts by: of IPv6 the half that says where it is, of which it has plenty."""
+    try:
+        ip = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address or "nobody"
+    if isinstance(ip, ipaddress.IPv6Address):
+        return str(ip.ipv4_mapped or ipaddress.ip_network((ip, 64), strict=False))
+    return str(ip)

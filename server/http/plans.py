@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections import deque
+from collections.abc import AsyncGenerator, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import orjson
 from fastapi import APIRouter, Request
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from server.http.body import read_body
+from server.http.guard import CLIENT
 from server.http.openapi import REFERENCE, problems
-from server.http.schemas import PlanRequest, PlansRequest, read, to_commands, to_job
+from server.planning.bounds import ROW_BYTES
 from server.planning.dispatcher import QueuedJob, WrittenPlan
+from server.planning.messages import ReadJob
 from server.problems import MEDIA_TYPE, Problem
 from server.service import Service
 from server.settings import Settings
+from server.shares import Lease
+
+PIECE = 1 << 16
+"""Bytes of an answer that are given to the connection at a time."""
+
+BYTES_AHEAD = 1 << 23
+"""Bytes of plans that are queued or made before a client reads them, of one request of /plans."""
 
 JSON, NPZ, NDJSON = "application/json", "application/x-npz", "application/x-ndjson"
 
@@ -29,7 +41,7 @@ def _body(model: str) -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": {JSON: {"schema": {"$ref": f"#/components/schemas/{model}"}}}}}
 
 
-REFUSALS = problems(400, 401, 406, 408, 413, 415, 422, 500, 503, 504)
+REFUSALS = problems(400, 401, 406, 408, 413, 415, 422, 429, 500, 503, 504)
 
 
 @router.post(
@@ -47,17 +59,24 @@ REFUSALS = problems(400, 401, 406, 408, 413, 415, 422, 500, 503, 504)
 async def plan(request: Request) -> Response:
     """Plan the pan's motion for one command: a `slide-plan/1` document, or as npz."""
     service: Service = request.app.state.service
-    media_type = accepted(request, (JSON, NPZ))
-    with service.admitted() as dispatcher:
-        body = await read_body(request, service.settings)
-        begin = time.perf_counter()
-        asked = read(PlanRequest, body)
-        (command,) = to_commands({"command": asked.command}, service.settings.max_samples)
-        job = to_job(asked, command, dispatcher.manifest, service.settings)
-        reading = time.perf_counter() - begin
-        (queued,) = dispatcher.submit([job._replace(npz=media_type == NPZ)])
-        written = await result_of(queued, request, service.settings)
-    return Response(written.body, media_type=media_type, headers={"Server-Timing": timing(written, reading)})
+    npz = accepted(request, (JSON, NPZ)) == NPZ
+    client: str = request.scope[CLIENT]
+    with ExitStack() as stack:
+        stack.callback(service.admit(client).release)
+        dispatcher, reader = service.dispatcher, service.reader
+        with holding(request, service) as held:
+            body = await read_body(request, service.settings)
+            begin = time.perf_counter()
+            (job,) = await reader.read(client, "plan", body, npz=npz)
+            held.resize(len(job.data))
+            del body
+            reading = time.perf_counter() - begin
+            queued = dispatcher.submit(client, job, npz)
+            stack.callback(queued.drop)
+            written = await result_of(queued, request, service.settings)
+        headers = {"Server-Timing": timing(written, reading), "Content-Length": str(len(written.body))}
+        sent = pieces(written.body, service.settings)
+        return LeasedResponse(sent, headers, NPZ if npz else JSON, stack.pop_all())
 
 
 @router.post(
@@ -76,32 +95,101 @@ async def plans(request: Request) -> Response:
     """
     service: Service = request.app.state.service
     accepted(request, (NDJSON,))
-    with service.admitted() as dispatcher:
-        asked = read(PlansRequest, await read_body(request, service.settings))
-        if len(asked.commands) > service.settings.max_commands:
-            raise Problem("invalid", f"at most {service.settings.max_commands} commands are taken", "commands")
-        places = {f"commands[{index}]": command for index, command in enumerate(asked.commands)}
-        found = to_commands(places, service.settings.max_samples)
-        queued = dispatcher.submit([to_job(asked, one, dispatcher.manifest, service.settings) for one in found])
-    return StreamingResponse(_lines(service, queued), media_type=NDJSON)
+    client: str = request.scope[CLIENT]
+    with ExitStack() as stack:
+        stack.callback(service.admit(client).release)
+        reader = service.reader
+        held = stack.enter_context(holding(request, service))
+        body = await read_body(request, service.settings)
+        jobs: list[ReadJob] = await reader.read(client, "plans", body)
+        held.resize(sum(len(job.data) for job in jobs))
+        del body
+        lines = _lines(service, client, jobs)
+        return LeasedResponse(lines, {}, NDJSON, stack.pop_all())
 
 
-async def _lines(service: Service, queued: list[QueuedJob]) -> AsyncIterator[bytes]:
-    service.in_flight += 1
+async def _lines(service: Service, client: str, jobs: list[ReadJob]) -> AsyncGenerator[bytes, None]:
+    """Yield the lines, in pieces; few of the jobs are queued or planned before their turn."""
+    ahead: deque[QueuedJob] = deque()
+    left = deque(jobs)
     try:
-        for one in queued:
+        while left or ahead:
+            try:
+                while left and len(ahead) < service.settings.max_batch:
+                    if ahead and sum(one.size for one in ahead) + left[0].rows * ROW_BYTES > BYTES_AHEAD:
+                        break
+                    ahead.append(service.dispatcher.submit(client, left[0]))
+                    left.popleft()
+            except Problem as problem:
+                if not ahead:
+                    left.popleft()
+                    yield orjson.dumps(problem.to_dict()) + b"\n"
+                    continue
+            one = ahead.popleft()
             try:
                 async with asyncio.timeout(service.settings.deadline):
                     written = await one.result
-                yield written.body + b"\n"
+                async for piece in pieces(written.body, service.settings):
+                    yield piece
+                yield b"\n"
             except TimeoutError:
                 yield orjson.dumps(Problem("deadline").to_dict()) + b"\n"
             except Problem as problem:
                 yield orjson.dumps(problem.to_dict()) + b"\n"
+            finally:
+                one.drop()
     finally:
-        service.in_flight -= 1
-        for one in queued:
-            one.result.cancel()
+        for one in ahead:
+            one.drop()
+
+
+async def pieces(body: bytes, settings: Settings) -> AsyncGenerator[bytes, None]:
+    """Yield a body piece by piece, so that no more of it waits for the client than the connection holds.
+
+    Raises:
+        ClientDisconnect: the client takes too long to read it.
+    """
+    until = time.monotonic() + settings.write_timeout
+    view = memoryview(body)
+    for begin in range(0, len(view), PIECE):
+        if time.monotonic() > until:
+            raise ClientDisconnect
+        yield bytes(view[begin : begin + PIECE])
+
+
+class LeasedResponse(StreamingResponse):
+    """A response that gives back what it holds once it has been sent, or cannot be."""
+
+    def __init__(
+        self, content: AsyncGenerator[bytes, None], headers: dict[str, str], media_type: str, held: ExitStack
+    ) -> None:
+        super().__init__(content, headers=headers, media_type=media_type)
+        self._content, self._held = content, held
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        with self._held:
+            try:
+                await super().__call__(scope, receive, send)
+            finally:
+                await self._content.aclose()
+
+
+@contextmanager
+def holding(request: Request, service: Service) -> Iterator[Lease]:
+    """Hold room for a request's body, as much as it says it needs or the most that is read.
+
+    Raises:
+        Problem: `overloaded` or `too-many`: there is none.
+    """
+    declared = request.headers.get("content-length", "")
+    most = service.settings.max_body
+    size = min(int(declared[:20]), most) if declared.isdecimal() else most
+    lease = service.held.take(request.scope[CLIENT], size)
+    try:
+        yield lease
+    finally:
+        lease.release()
 
 
 async def result_of(queued: QueuedJob, request: Request, settings: Settings) -> WrittenPlan:
@@ -116,10 +204,10 @@ async def result_of(queued: QueuedJob, request: Request, settings: Settings) -> 
     turn = min(settings.max_wait, settings.deadline)
     timers = (
         loop.call_later(turn, queued.refuse_unless_started),
-        loop.call_later(settings.deadline, queued.finish, late),
+        loop.call_later(settings.deadline, queued.drop, late),
     )
     gone = asyncio.ensure_future(_client_leaves(request))
-    gone.add_done_callback(lambda _: queued.result.cancel())
+    gone.add_done_callback(lambda _: queued.drop())
     try:
         return await queued.result
     except asyncio.CancelledError:

@@ -6,25 +6,23 @@ checked by `runtime`, in the same words as for files.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Annotated, Literal, Self, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
 
 from runtime import Command, Friction, InputError, Reading, Sizes, Start
 from runtime.commands.bounds import MAX_SAMPLES
 from runtime.errors import place_text, within
-from runtime.network.manifest import Manifest
 from runtime.physics.law import DT
-from server.planning.messages import PlanJob
+from server.planning.messages import GivenCommand, PlanJob, ReaderOptions, to_array
 from server.problems import Problem
-from server.settings import Settings
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Pair = tuple[Finite, Finite]
+Row = tuple[Finite, Finite, Finite, Finite]
+Rows = Annotated[list[Row], FailFast()]
 
 Model = TypeVar("Model", bound="Strict")
 
@@ -70,18 +68,15 @@ class CommandRequest(Strict):
             return 0.0
         return (len(self.position) - 1) * (self.dt or 1.0 / (self.rate or 1.0)) / DT + 1
 
-    def command(self) -> Command:
-        """Return the command.
+    def given(self) -> GivenCommand:
+        """Return the command as it was given.
 
         Raises:
-            InputError: the numbers make no command.
+            InputError: the options of reading contradict each other.
         """
-        position = np.array(self.position, dtype=np.float64)
         names = [each.name for each in fields(Reading)]
         reading = Reading(**self.model_dump(include=set(names), exclude_none=True))
-        if self.t:
-            return Command.from_waypoints(np.array(self.t, dtype=np.float64), position, reading)
-        return Command.from_samples(position, self.dt or DT, reading)
+        return GivenCommand(to_array(self.position), to_array(self.t) if self.t else None, self.dt, reading)
 
 
 class FrictionRequest(Strict):
@@ -143,6 +138,25 @@ class PlanRequest(Options):
     tolerance: Positive | None = Field(None, description="Tracking RMSE to hold the plan against (m).")
 
 
+class StreamRequest(Options):
+    """What opens a stream."""
+
+    format: Literal["slide-stream/1"]
+    command: CommandRequest
+    packed: bool = False
+
+
+class StepRequest(Strict):
+    """A step as JSON: states [x, y, vx, vy] (m, m/s), the last C of them or the last one; none where one is missing."""
+
+    sequence: int = Field(ge=0)
+    age: Finite = 0.0
+    pan: Rows = Field([])
+    object: Rows = Field([])
+    command: CommandRequest | None = None
+    start: StartRequest | None = None
+
+
 class PlansRequest(Options):
     """Many commands to be planned, all with the same options."""
 
@@ -188,22 +202,21 @@ def _problem(error: ValidationError) -> Problem:
     return Problem("invalid", first["msg"], place_text(place))
 
 
-def to_commands(requests: Mapping[str, CommandRequest], most: int) -> list[Command]:
-    """Return the commands that were asked for, by their places in the request.
+def to_command(request: CommandRequest, most: int, place: str) -> Command:
+    """Return the command that was asked for at a place of the request.
 
     Raises:
-        InputError: one is too long, or its numbers make no command; the place is named.
+        InputError: it is too long, or its numbers make no command; the place is named.
     """
-    result = []
-    for place, request in requests.items():
-        samples = request.samples()
-        if samples <= MAX_SAMPLES:  # beyond it the command itself asks for the unit of its times
-            _check_samples(samples, most, place)
-        with within(place):
-            command = request.command()
-        _check_samples(len(command), most, place)
-        result.append(command)
-    return result
+    if len(request.position) > most:
+        raise InputError(f"the command has {len(request.position)} positions, at most {most} are taken", place)
+    samples = request.samples()
+    if samples <= MAX_SAMPLES:  # beyond it the command itself asks for the unit of its times
+        _check_samples(samples, most, place)
+    with within(place):
+        command = request.given().command()
+    _check_samples(len(command), most, place)
+    return command
 
 
 def _check_samples(samples: float, most: int, place: str) -> None:
@@ -211,13 +224,13 @@ def _check_samples(samples: float, most: int, place: str) -> None:
         raise InputError(f"the command has {samples:.0f} samples at 1 kHz, at most {most} are taken", place)
 
 
-def to_job(options: Options, command: Command, manifest: Manifest, settings: Settings) -> PlanJob:
+def to_job(options: Options, given: GivenCommand, bounds: ReaderOptions) -> PlanJob:
     """Return what is to be planned, with the manifest's values where nothing was said.
 
     Raises:
         InputError: a value cannot be planned with; the place is named.
     """
-    friction, limits, start = manifest.friction, manifest.limits, Start()
+    friction, limits, start = bounds.manifest.friction, bounds.manifest.limits, Start()
     if options.friction is not None:
         with within("friction"):
             friction = Friction(options.friction.static, options.friction.kinetic)
@@ -230,13 +243,13 @@ def to_job(options: Options, command: Command, manifest: Manifest, settings: Set
     if isinstance(options, (PlanRequest, PlansRequest)) and options.sizes is not None:
         with within("sizes"):
             sizes = Sizes(**options.sizes.model_dump())
-    job = PlanJob(command, friction, limits, start, sizes)
+    job = PlanJob(given, friction, limits, start, sizes)
     if not isinstance(options, PlanRequest):
         return job
-    if options.refine_ms is not None and options.refine_ms > settings.max_refine_ms:
-        raise InputError(f"at most {settings.max_refine_ms:g} ms are spent", "refine_ms")
-    if options.candidates is not None and options.candidates > settings.max_candidates:
-        raise InputError(f"at most {settings.max_candidates} candidates are made", "candidates")
+    if options.refine_ms is not None and options.refine_ms > bounds.max_refine_ms:
+        raise InputError(f"at most {bounds.max_refine_ms:g} ms are spent", "refine_ms")
+    if options.candidates is not None and options.candidates > bounds.max_candidates:
+        raise InputError(f"at most {bounds.max_candidates} candidates are made", "candidates")
     return job._replace(
         tolerance=options.tolerance,
         candidates=options.candidates,

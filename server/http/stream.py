@@ -1,6 +1,7 @@
 """`WS /stream`: a controller's closed loop over the wire, bounded in rate, size and silence.
 
-A step takes a third of a millisecond: in the event loop answers come sooner than by way of a thread.
+A step takes a third of a millisecond: in the event loop answers come sooner than by way of a thread. One step is made
+at a time, and between two of them everything else has its turn; next is the stream that has had the least.
 
 The first message opens the stream, as JSON: {"format": "slide-stream/1", "command": ..., "packed": false} and the
 options of a plan. The answer says what decodes. From then on each message is a step, numbered from 0, and each answer
@@ -14,31 +15,22 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from typing import Annotated, Literal, NamedTuple
-from urllib.parse import urlsplit
+from contextlib import ExitStack
+from typing import Any, NamedTuple
 
 import numpy as np
 import orjson
 from fastapi import APIRouter, WebSocket
-from pydantic import FailFast, Field
 from starlette.websockets import WebSocketDisconnect
 
 from runtime import Command, InputError, Planner, Start, Stream
 from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_chunk, unpack_step
 from runtime.documents.checks import FloatArray
-from server.http.guard import carries_token
-from server.http.schemas import (
-    CommandRequest,
-    Finite,
-    Options,
-    StartRequest,
-    Strict,
-    read,
-    to_commands,
-    to_job,
-    to_start,
-)
+from server.http.guard import client_of
+from server.http.schemas import StepRequest, read, to_start
 from server.http.websocket import POLICY_VIOLATION
+from server.planning.bounds import fastest, stop_samples
+from server.planning.reader import Reader
 from server.problems import Problem, for_input
 from server.service import Service
 
@@ -47,32 +39,16 @@ log = logging.getLogger("slide-serve")
 INTERNAL_ERROR = 1011
 """Close code after a failure (RFC 6455, section 7.4.1)."""
 
+SHORT = 1 << 15
+"""Longest step (bytes) that is read in the event loop: of two full chunks with all their digits, and half as much."""
+
+COMMAND = b'"command"'
+"""Stands in a step that carries a command, which is read elsewhere whatever its length."""
+
 BURST = 20.0
 """Steps that may come at once, beyond the rate."""
 
-Row = tuple[Finite, Finite, Finite, Finite]
-Rows = Annotated[list[Row], FailFast()]
-
 router = APIRouter()
-
-
-class StreamRequest(Options):
-    """What opens a stream."""
-
-    format: Literal["slide-stream/1"]
-    command: CommandRequest
-    packed: bool = False
-
-
-class StepRequest(Strict):
-    """A step as JSON: states [x, y, vx, vy] (m, m/s), the last C of them or the last one; none where one is missing."""
-
-    sequence: int = Field(ge=0)
-    age: Finite = 0.0
-    pan: Rows = Field([])
-    object: Rows = Field([])
-    command: CommandRequest | None = None
-    start: StartRequest | None = None
 
 
 class StreamInput(NamedTuple):
@@ -130,18 +106,18 @@ class RateLimit:
 async def stream(socket: WebSocket) -> None:
     """Follow a command with a controller that measures."""
     service: Service = socket.app.state.service
-    try:
-        _check_handshake(socket, service)
-        planner = service.planner
-        if service.streams >= service.settings.max_streams:
-            raise Problem("overloaded", "too many streams are open", headers={"Retry-After": "1"})
-    except Problem as refusal:
-        await socket.send_denial_response(refusal.response())
-        return
-    with service.streaming():
+    with ExitStack() as stack:
+        try:
+            check_origin(socket)
+            client = client_of(socket.scope, service.settings)
+            planner, reader = service.planner, service.reader
+            stack.enter_context(service.streaming(client))
+        except Problem as refusal:
+            await socket.send_denial_response(refusal.response())
+            return
         await socket.accept()
         try:
-            await _follow(socket, service, planner)
+            await Follower(socket, service, planner, reader, client).follow()
         except (Problem, InputError) as error:
             problem = for_input(error) if isinstance(error, InputError) else error
             await socket.send_text(orjson.dumps(problem.to_dict()).decode())
@@ -153,93 +129,151 @@ async def stream(socket: WebSocket) -> None:
             await socket.close(INTERNAL_ERROR)
 
 
-def _check_handshake(socket: WebSocket, service: Service) -> None:
-    """Check the token, and that no other site's page has opened the socket: browsers let any page try.
+def check_origin(socket: WebSocket) -> None:
+    """Check that no other site's page has opened the socket: browsers let any page try.
 
     Raises:
-        Problem: `unauthorized` or `forbidden`.
+        Problem: `forbidden`.
     """
-    if not carries_token(socket.scope, service.settings):
-        raise Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
     origin = socket.headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != socket.headers.get("host"):
+    if origin is not None and origin.lower().partition("://")[2] != socket.headers.get("host", "").lower():
         raise Problem("forbidden", "the page that asks is of another site")
 
 
-async def _follow(socket: WebSocket, service: Service, planner: Planner) -> None:
-    """Open a stream and answer its steps until the client leaves.
+class Follower:
+    """One stream: what is received, and what is answered.
 
-    Raises:
-        Problem: a message is not what it must be, comes too soon or too late.
-        InputError: what it asks for cannot be followed.
-        WebSocketDisconnect: the client left.
+    Args:
+        socket: accepted.
+        service: its settings and counters.
+        planner: what the command is followed with.
+        reader: what reads commands.
+        client: who asks.
     """
-    settings, manifest = service.settings, planner.bundle.manifest
-    opening = await _receive(socket, settings.stream_idle)
-    request = read(StreamRequest, opening if isinstance(opening, bytes) else opening.encode("utf-8", "replace"))
-    (command,) = to_commands({"command": request.command}, settings.max_samples)
-    job = to_job(request, command, manifest, settings)
-    following = planner.stream(job.command, job.friction, limits=job.limits, start=job.start)
-    model = {"name": manifest.name, "sha256": planner.bundle.sha256}
-    chunk = manifest.one_pan.chunk
-    opened = {"format": STREAM_FORMAT, "chunk": chunk, "dt": manifest.dt, "model": model}
-    await socket.send_text(orjson.dumps(opened).decode())
 
-    limit, expected = RateLimit(settings.stream_rate), 0
-    while True:
-        received = _read_input(
-            await _receive(socket, settings.stream_idle), settings.max_samples, manifest.one_pan.chunk
+    def __init__(self, socket: WebSocket, service: Service, planner: Planner, reader: Reader, client: str) -> None:
+        self._socket, self._service, self._planner, self._reader, self._client = (
+            socket,
+            service,
+            planner,
+            reader,
+            client,
         )
-        limit.check()
-        if received.step.sequence != expected:
-            raise Problem("invalid", f"step {expected} is expected", "sequence")
-        answer = received.advance(following)
-        service.metrics.chunks.inc()
-        expected = (expected + 1) % (1 << 32)
-        if request.packed:
-            await socket.send_bytes(pack_chunk(answer))
-        else:
-            await socket.send_text(orjson.dumps(answer._asdict(), option=orjson.OPT_SERIALIZE_NUMPY).decode())
+        self._settings, self._chunk = service.settings, planner.bundle.manifest.one_pan.chunk
 
+    async def follow(self) -> None:
+        """Open the stream and answer its steps until the client leaves.
 
-async def _receive(socket: WebSocket, idle: float) -> str | bytes:
-    """Return the next message.
+        Raises:
+            Problem: a message is not what it must be, comes too soon or too late.
+            InputError: what it asks for cannot be followed.
+            WebSocketDisconnect: the client left.
+        """
+        command, job, packed = await self._read("stream", _data(await self._receive()))
+        following = self._planner.stream(command, job.friction, limits=job.limits, start=job.start)
+        manifest = self._planner.bundle.manifest
+        model = {"name": manifest.name, "sha256": self._planner.bundle.sha256}
+        opened = {"format": STREAM_FORMAT, "chunk": self._chunk, "dt": manifest.dt, "model": model}
+        await self._socket.send_text(orjson.dumps(opened).decode())
 
-    Raises:
-        Problem: `idle`: none came in time.
-        WebSocketDisconnect: the client left.
-    """
-    try:
-        async with asyncio.timeout(idle):
-            message = await socket.receive()
-    except TimeoutError:
-        raise Problem("idle", f"a message must come within {idle:g} s") from None
-    if message["type"] == "websocket.disconnect":
-        raise WebSocketDisconnect(message.get("code", 1005))
-    data: str | bytes | None = message.get("text")
-    return data if data is not None else message["bytes"]
+        limit, expected = RateLimit(self._settings.stream_rate), 0
+        most = fastest(job.limits, job.friction)
+        while True:
+            received = await self._read_input(await self._receive(), limit)
+            if received.step.sequence != expected:
+                raise Problem("invalid", f"step {expected} is expected", "sequence")
+            _check_speed(received, most)
+            if received.start is not None:
+                stop_samples(job.limits, received.start, job.friction)
+            async with self._service.steps.turn(f"{self._client} {id(self)}"):
+                chunk = received.advance(following)
+            self._service.metrics.chunks.inc()
+            expected = (expected + 1) % (1 << 32)
+            if packed:
+                await self._socket.send_bytes(pack_chunk(chunk))
+            else:
+                text = orjson.dumps(chunk._asdict(), option=orjson.OPT_SERIALIZE_NUMPY).decode()
+                await self._socket.send_text(text)
 
+    async def _receive(self) -> str | bytes:
+        """Return the next message.
 
-def _read_input(message: str | bytes, most: int, chunk: int) -> StreamInput:
-    """Read a step.
-
-    Raises:
-        Problem: `malformed` or `invalid`, with the place.
-        InputError: a command or a start cannot be followed.
-    """
-    if isinstance(message, bytes):
+        Raises:
+            Problem: `idle`: none came in time.
+            WebSocketDisconnect: the client left.
+        """
+        idle = self._settings.stream_idle
         try:
-            step = unpack_step(message)
-        except InputError as error:
-            raise Problem("malformed", str(error)) from None
-        _check_rows(chunk, pan=step.pan, object=step.object)
-        return StreamInput(step)
-    request = read(StepRequest, message.encode("utf-8", "replace"))
-    pan, sliding = (np.array(rows) if rows else None for rows in (request.pan, request.object))
-    _check_rows(chunk, pan=pan, object=sliding)
-    start = None if request.start is None else to_start(request.start)
-    command = None if request.command is None else to_commands({"command": request.command}, most)[0]
-    return StreamInput(Step(request.sequence, pan, sliding, request.age), start, command)
+            async with asyncio.timeout(idle):
+                message = await self._socket.receive()
+        except TimeoutError:
+            raise Problem("idle", f"a message must come within {idle:g} s") from None
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(message.get("code", 1005))
+        data: str | bytes | None = message.get("text")
+        return data if data is not None else message["bytes"]
+
+    async def _read(self, kind: str, message: bytes) -> Any:
+        """Return what a message that may be long asks for.
+
+        Raises:
+            Problem: what is wrong with it, or there is no room for it.
+        """
+        held = self._service.held.take(self._client, len(message))
+        try:
+            return await self._reader.read(self._client, kind, message)
+        finally:
+            held.release()
+
+    async def _read_input(self, message: str | bytes, limit: RateLimit) -> StreamInput:
+        """Read a step.
+
+        Raises:
+            Problem: `malformed` or `invalid`, with the place; `too-fast`.
+            InputError: a command or a start cannot be followed.
+        """
+        if isinstance(message, bytes):
+            try:
+                step = unpack_step(message)
+            except InputError as error:
+                raise Problem("malformed", str(error)) from None
+            limit.check()
+            _check_rows(self._chunk, pan=step.pan, object=step.object)
+            return StreamInput(step)
+        data = _data(message)
+        limit.check()
+        command: Command | None = None
+        start: Start | None = None
+        if len(data) > SHORT or COMMAND in data:
+            request, command, start = await self._read("step", data)
+        else:
+            request = read(StepRequest, data)
+            if request.command is not None:  # its name was written in another way
+                raise Problem("malformed", "the name command is written with escapes")
+            start = None if request.start is None else to_start(request.start)
+        pan, sliding = (np.array(rows) if rows else None for rows in (request.pan, request.object))
+        _check_rows(self._chunk, pan=pan, object=sliding)
+        return StreamInput(Step(request.sequence, pan, sliding, request.age), start, command)
+
+
+def _data(message: str | bytes) -> bytes:
+    return message if isinstance(message, bytes) else message.encode("utf-8", "replace")
+
+
+def _check_speed(received: StreamInput, most: float) -> None:
+    """Check that a stop from what was measured is not too long.
+
+    Raises:
+        Problem: `invalid`.
+    """
+    pan = received.step.pan
+    if pan is None or not np.isfinite(pan[-1:]).all():
+        return
+    speed = float(np.hypot(*np.atleast_2d(pan)[-1, 2:]))
+    if speed > most:
+        raise Problem(
+            "invalid", f"a pan of {speed:.3g} m/s needs too long to stop: at most {most:.3g} m/s are taken", "pan"
+        )
 
 
 def _check_rows(chunk: int, **states: FloatArray | None) -> None:

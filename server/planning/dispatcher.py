@@ -5,8 +5,11 @@ planned next through the batch axis: a lone request never waits, and under load 
 that were answered together come back together, a moment apart; so after a batch of several the next one waits for the
 window.
 
+Next is the client that has had the least time. What a batch takes is bounded by its chunks, and what its plans take by
+the bytes that finished ones may hold until they are read: the process waits for those who read, each client for itself.
+
 A process that ends, or is at one batch for too long, is replaced. What it was planning then has failed, and what waits
-is sent away: a new one takes seconds to be ready.
+is sent away: a new one takes a second to be ready.
 """
 
 from __future__ import annotations
@@ -14,20 +17,22 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections import deque
-from collections.abc import Sequence
+from collections import defaultdict, deque
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
+from runtime import InputError
 from runtime.network.manifest import Manifest
-from runtime.network.reader import chunk_count
 from server.metrics import Metrics
-from server.planning.messages import PlanFailure, PlanJob, PlannerOptions, PlanReply
-from server.planning.process import PLANNING_COMMAND, PlanningProcess
+from server.planning.bounds import NPZ_ROW_BYTES, PLAN_BYTES, ROW_BYTES
+from server.planning.messages import PlanFailure, PlannerOptions, PlanReply, ReadJob
+from server.planning.process import PLANNING_COMMAND, Child, keep
 from server.problems import Problem, for_input
 from server.settings import Settings
+from server.shares import AGAIN, Lease, Shares, Turns
 
 log = logging.getLogger("slide-serve")
 
@@ -44,41 +49,59 @@ class WrittenPlan(NamedTuple):
 
 @dataclass(eq=False)
 class QueuedJob:
-    """A job that waits to be planned, or is being planned.
+    """A job that waits to be planned, is being planned, or whose plan waits to be read.
 
     Attributes:
+        client: who asked for it.
         job: what is to be planned.
-        chunks: chunks the command fills; equally many can be planned together.
+        size: of the plan, at most (bytes).
+        place: in the queue.
         result: what comes of it.
+        unread: the bytes that the plan holds, from its turn until it is read.
         entered: when it began to wait (s, of the monotonic clock).
-        started: whether the process has it.
     """
 
-    job: PlanJob
-    chunks: int
+    client: str
+    job: ReadJob
+    size: int
+    place: Lease
     result: asyncio.Future[WrittenPlan]
+    unread: Lease | None = None
     entered: float = field(default_factory=time.perf_counter)
-    started: bool = False
 
-    def fits(self, other: QueuedJob) -> bool:
-        """Whether both can be planned in one batch."""
-        mine, its = self.job, other.job
-        return not mine.alone and not its.alone and mine.tolerance == its.tolerance and self.chunks == other.chunks
+    @property
+    def started(self) -> bool:
+        """Whether the process has it."""
+        return self.unread is not None
 
     def finish(self, result: WrittenPlan | Problem) -> None:
         """Give the result, unless there is one, or nobody waits for it any more."""
         if self.result.done():
-            return
-        if isinstance(result, Problem):
-            self.result.set_exception(result)
-            self.result.exception()  # is seen: a client that has left does not come for it
+            self.drop()
+        elif isinstance(result, Problem):
+            self.drop(result)
         else:
+            assert self.unread is not None
+            self.unread.resize(len(result.body))
             self.result.set_result(result)
+
+    def drop(self, why: Problem | None = None) -> None:
+        """Nobody needs it, any more or ever: give back what it holds."""
+        self.place.release()
+        if self.unread is not None:
+            self.unread.release()
+        if self.result.done():
+            return
+        if why is None:
+            self.result.cancel()
+        else:
+            self.result.set_exception(why)
+            self.result.exception()  # is seen: a client that has left does not come for it
 
     def refuse_unless_started(self) -> None:
         """Send the job away if its turn has not come."""
         if not self.started:
-            self.finish(overloaded())
+            self.drop(overloaded())
 
 
 class Dispatcher:
@@ -108,13 +131,16 @@ class Dispatcher:
         self.process: int | None = None
         self._options, self._settings, self._metrics, self._command = options, settings, metrics, command
         self._queue: deque[QueuedJob] = deque()
-        self._arrived = asyncio.Event()
+        self._changed = asyncio.Event()
+        self._places = Shares("places in the queue", settings.max_queue, settings.client_share)
+        self._unread = Shares("bytes of plans", settings.max_unread, settings.client_share, self._changed.set)
+        self._turns = Turns(settings.shares_of_time)
         self._busy_since: float | None = None
 
     @property
     def full(self) -> bool:
         """Whether no job more is taken."""
-        return len(self._queue) >= self._settings.max_queue
+        return self._places.full
 
     @property
     def busy(self) -> float:
@@ -122,19 +148,25 @@ class Dispatcher:
         since = self._busy_since
         return 0.0 if since is None else time.perf_counter() - since
 
-    def submit(self, jobs: Sequence[PlanJob]) -> list[QueuedJob]:
-        """Queue jobs; one whose result is cancelled is passed over.
+    def check_room(self, client: str) -> None:
+        """Check that a client's job would be taken.
 
         Raises:
-            Problem: `overloaded`: there is no room for all of them.
+            Problem: as `submit`.
         """
-        if len(self._queue) + len(jobs) > self._settings.max_queue:
-            raise overloaded()
-        loop = asyncio.get_running_loop()
-        queued = [QueuedJob(job, chunk_count(job.command, self.manifest), loop.create_future()) for job in jobs]
-        for one in queued:
-            one.result.add_done_callback(partial(self._leave_queue, one))
-        self._set_queue(*self._queue, *queued)
+        self._places.take(client).release()
+
+    def submit(self, client: str, job: ReadJob, npz: bool = False) -> QueuedJob:
+        """Queue a job; one that is dropped is passed over.
+
+        Raises:
+            Problem: `overloaded` or `too-many`: there is no room for it.
+        """
+        place = self._places.take(client)
+        size = PLAN_BYTES + job.rows * (NPZ_ROW_BYTES if npz else ROW_BYTES)
+        queued = QueuedJob(client, job, size, place, asyncio.get_running_loop().create_future())
+        queued.result.add_done_callback(partial(self._leave_queue, queued))
+        self._set_queue(*self._queue, queued)
         return queued
 
     async def run(self) -> None:
@@ -143,92 +175,117 @@ class Dispatcher:
         Raises:
             BundleError: a process is not ready to plan.
         """
-        while True:
-            process = await PlanningProcess.start(self._options, self._command)
-            hung = False
-            try:
-                self.process = process.number
-                log.info("ready: model %s, in process %d", self.manifest.name, process.number)
-                await process.work(self._plan_batches(process))
-            except EOFError:
-                pass
-            except TimeoutError:
-                hung = True
-            finally:
-                self.process = self._busy_since = None
-                code = await (process.stop(0.0) if hung else process.stop())
-            log.error("the planning process %s (%d): a new one is started", "hung" if hung else "has ended", code)
-            ended = "the planning process ended before the plan was made"
-            for one in self._queue:
-                one.finish(Problem("not-ready", ended, headers={"Retry-After": "1"}))
-            self._set_queue()
+        await keep("planning", self._first_message, self._command, self._use, self._lost)
 
-    async def _plan_batches(self, process: PlanningProcess) -> None:
+    def _first_message(self) -> PlannerOptions:
+        """Return what the next process plans with; all but the first compile while they plan, to be ready sooner."""
+        options, self._options = self._options, self._options._replace(at_once=False)
+        return options
+
+    async def _use(self, child: Child) -> None:
         """Plan with one process.
 
         Raises:
             EOFError: it has ended.
             TimeoutError: it is at one batch for too long.
         """
+        self.process = child.number
+        log.info("ready: model %s, in process %d", self.manifest.name, child.number)
         last = 1
         while True:
             batch = await self._next_batch(last)
             last = len(batch)
             try:
                 async with asyncio.timeout(self._settings.hang_deadlines * self._settings.deadline):
-                    await self._plan(process, batch)
+                    await self._plan(child, batch)
             finally:
                 for one in batch:
-                    one.finish(Problem("failed", "the planning process ended"))
+                    if not one.result.done():
+                        one.drop(Problem("failed", "the planning process ended"))
+
+    def _lost(self) -> None:
+        self.process = self._busy_since = None
+        for one in list(self._queue):
+            one.drop(Problem("not-ready", "the planning process ended before the plan was made", headers=AGAIN))
+        self._set_queue()
 
     async def _next_batch(self, last: int) -> list[QueuedJob]:
-        """Wait for jobs and return the oldest with all that fit it; `last` were in the batch before."""
-        while not self._queue:
-            self._arrived.clear()
-            await self._arrived.wait()
-        if last > 1 and len(self._queue) < last:
+        """Wait for jobs and return the next one with all that fit it; `last` were in the batch before."""
+        if last > 1 and 0 < len(self._queue) < last:
             await asyncio.sleep(self._settings.batch_window_ms * 1e-3)
-        batch: list[QueuedJob] = []
-        waiting = [one for one in self._queue if not one.result.done()]
-        for one in waiting:
-            if not batch or (one.fits(batch[0]) and len(batch) < self._settings.max_batch):
-                one.started = True
-                batch.append(one)
-        self._set_queue(*(one for one in waiting if not one.started))
-        return batch or await self._next_batch(1)  # all were cancelled in the window
+        while True:
+            self._changed.clear()
+            batch: list[QueuedJob] = []
+            chunks = 0
+            for one in self._in_turn():
+                more = chunks + one.job.chunks
+                if batch and (not _together(one, batch[0]) or more > self._settings.max_chunks):
+                    continue
+                if self._unread.allows(one.client, one.size):
+                    one.unread = self._unread.take(one.client, one.size)
+                    batch.append(one)
+                    chunks = more
+                if len(batch) == self._settings.max_batch or (batch and batch[0].job.key is None):
+                    break
+            if batch:
+                for one in batch:
+                    one.place.release()
+                self._set_queue(*(one for one in self._queue if not one.started))
+                return batch
+            await self._changed.wait()
 
-    async def _plan(self, process: PlanningProcess, batch: list[QueuedJob]) -> None:
+    def _in_turn(self) -> Iterator[QueuedJob]:
+        """Yield what waits: of each client the oldest, then of each the next, and so on."""
+        waiting: defaultdict[str, deque[QueuedJob]] = defaultdict(deque)
+        for one in self._queue:
+            waiting[one.client].append(one)
+        order = self._turns.order(waiting)
+        while order:
+            for client in order:
+                yield waiting[client].popleft()
+            order = [client for client in order if waiting[client]]
+
+    async def _plan(self, child: Child, batch: list[QueuedJob]) -> None:
         begin = self._busy_since = time.perf_counter()
-        process.send([one.job for one in batch])
+        child.send([one.job.data for one in batch])
         for _ in batch:
             reply: PlanReply | PlanFailure
-            reply, body = await process.receive()
+            reply, body = await child.receive()
             one = batch[reply.number]
             waited = begin - one.entered
             self._metrics.queue_time.observe(waited)
             if isinstance(reply, PlanReply):
-                self._metrics.plan(reply, len(one.job.command))
+                self._metrics.plan(reply, one.job.samples)
                 one.finish(WrittenPlan(body, waited, reply.encode, reply.decode, reply.write))
-            elif reply.error is not None:
+            elif isinstance(reply.error, InputError):
                 one.finish(for_input(reply.error))
             else:
-                one.finish(Problem("failed", "the plan could not be made"))
+                one.finish(reply.error or Problem("failed", "the plan could not be made"))
+        taken = time.perf_counter() - begin
+        for one in batch:
+            self._turns.charge(one.client, taken / len(batch))
         self._busy_since = None
 
     def _set_queue(self, *jobs: QueuedJob) -> None:
         """Let these jobs wait, and no others."""
         self._queue = deque(jobs)
         self._metrics.queue_depth.set(len(jobs))
-        self._arrived.set()
+        self._changed.set()
 
     def _leave_queue(self, one: QueuedJob, _: asyncio.Future[WrittenPlan]) -> None:
-        """Give up the place of a job that was cancelled before its turn."""
+        """Give up the place of a job that ended before its turn."""
         if not one.started:
+            one.place.release()
             with suppress(ValueError):
                 self._queue.remove(one)
                 self._metrics.queue_depth.set(len(self._queue))
 
 
+def _together(one: QueuedJob, other: QueuedJob) -> bool:
+    """Whether both can be planned in one batch."""
+    return one.job.key is not None and one.job.key == other.job.key
+
+
 def overloaded() -> Problem:
     """Return what a client is told that should come back a second later."""
-    return Problem("overloaded", "try again later", headers={"Retry-After": "1"})
+    return Problem("overloaded", "try again later", headers=AGAIN)

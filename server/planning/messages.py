@@ -1,17 +1,25 @@
-"""What the server and its planning process say to each other, and how it travels.
+"""What the server and the processes beside it say to each other, and how it travels.
 
-A message is pickled, which is safe between two programs that are one. Before it goes its length, and the length of the
-bytes that follow it: a plan travels beside its message, for to pickle it would copy it three times more.
+A message is pickled, which is safe between programs that are one. Before it goes its length, and the length of the
+bytes that follow it: a plan travels beside its message, for to pickle it would copy it three times more. A job that was
+read by one process goes to the other as it came: the server only looks at what it must know of it.
 """
 
 from __future__ import annotations
 
 import pickle
+import socket
 import struct
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from runtime import Command, Friction, InputError, Limits, Sizes, Start
+import numpy as np
+
+from runtime import Command, Friction, InputError, Limits, Reading, Sizes, Start
+from runtime.documents.checks import FloatArray
+from runtime.network.manifest import Manifest
+from runtime.physics.law import DT
+from server.problems import Problem
 
 LENGTHS = struct.Struct("<QQ")
 """Lengths (bytes) of a message and of what follows it."""
@@ -21,28 +29,73 @@ BUFFER = 1 << 20
 
 
 class PlannerOptions(NamedTuple):
-    """What the process plans with; its first message.
+    """What the planning process plans with; its first message.
 
     Attributes:
         model: the bundle's folder; the shipped one if None.
         sha256: what the bundle must have.
         compile: whether to compile what can be, which takes seconds: plans are made faster, and can be refined.
+        at_once: whether to compile before the first plan, or meanwhile.
     """
 
     model: Path | None
     sha256: str
     compile: bool
+    at_once: bool = True
+
+
+class ReaderOptions(NamedTuple):
+    """What the reading process reads with; its first message.
+
+    Attributes:
+        manifest: of the bundle.
+        max_samples, max_commands, max_refine_ms, max_candidates, max_chunks: of the settings.
+    """
+
+    manifest: Manifest
+    max_samples: int
+    max_commands: int
+    max_refine_ms: float
+    max_candidates: int
+    max_chunks: int
+
+
+class GivenCommand(NamedTuple):
+    """A command as it was given: what is made of it takes more room, and is made again where it is needed.
+
+    Attributes:
+        position: (n, 2) as given.
+        t: (n,) times; None where there are none.
+        dt: sampling interval (s), where there are no times.
+        reading: what the numbers mean.
+    """
+
+    position: FloatArray
+    t: FloatArray | None
+    dt: float | None
+    reading: Reading
+
+    def command(self) -> Command:
+        """Return the command.
+
+        Raises:
+            InputError: the numbers make no command.
+        """
+        if self.t is not None:
+            return Command.from_waypoints(self.t, self.position, self.reading)
+        return Command.from_samples(self.position, self.dt or DT, self.reading)
 
 
 class PlanJob(NamedTuple):
     """One command to be planned, in the runtime's terms; a list of them is one batch.
 
     Attributes:
-        command, friction, limits, start, sizes, tolerance, candidates, robust, refine_ms: as for `Planner.plan`.
+        given: the command.
+        friction, limits, start, sizes, tolerance, candidates, robust, refine_ms: as for `Planner.plan`.
         npz: whether the plan is written as npz; as JSON otherwise.
     """
 
-    command: Command
+    given: GivenCommand
     friction: Friction
     limits: Limits
     start: Start
@@ -57,6 +110,52 @@ class PlanJob(NamedTuple):
     def alone(self) -> bool:
         """Whether no other job can be planned together with this one."""
         return self.candidates is not None or self.refine_ms is not None
+
+
+class ReadJob(NamedTuple):
+    """A job as the server handles it.
+
+    Attributes:
+        data: the PlanJob, pickled.
+        samples: of its command.
+        rows: of its plan, at most.
+        chunks: that are planned, of all candidates together; equally many can be planned together.
+        key: what jobs that can be planned together have in common; None if this one is planned alone.
+    """
+
+    data: bytes
+    samples: int
+    rows: int
+    chunks: int
+    key: tuple[int, float | None] | None
+
+
+class ReadRequest(NamedTuple):
+    """A body that is to be read.
+
+    Attributes:
+        number: of the request.
+        kind: what it is: the name of a function of `server.planning.reading`.
+        body: as it came.
+        options: for that function.
+    """
+
+    number: int
+    kind: str
+    body: bytes
+    options: dict[str, Any]
+
+
+class ReadReply(NamedTuple):
+    """What came of a body.
+
+    Attributes:
+        number: of the request.
+        result: what was read, or the problem with it.
+    """
+
+    number: int
+    result: Any | Problem | InputError
 
 
 class PlanReply(NamedTuple):
@@ -83,14 +182,58 @@ class PlanFailure(NamedTuple):
 
     Attributes:
         number: of the job in its batch, from 0.
-        error: what is wrong with the job; None if it is not to blame.
+        error: what is wrong with the job, or why it cannot be done now; None if neither is known.
     """
 
     number: int
-    error: InputError | None
+    error: InputError | Problem | None
 
 
 def frame(message: object, follows: int = 0) -> bytes:
     """Return a message as it travels, with the lengths before it; so many bytes will follow it."""
     data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
     return LENGTHS.pack(len(data), follows) + data
+
+
+class Channel:
+    """A process's end of the socket to its server.
+
+    Args:
+        connection: the end; blocking.
+    """
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+
+    def receive(self) -> Any:
+        """Return the next message.
+
+        Raises:
+            EOFError: the server is gone.
+        """
+        length, _ = LENGTHS.unpack(self._exactly(LENGTHS.size))
+        return pickle.loads(self._exactly(length))
+
+    def send(self, message: object, follows: bytes = b"") -> None:
+        """Send a message and what follows it."""
+        self._connection.sendall(frame(message, len(follows)))
+        self._connection.sendall(follows)
+
+    def fileno(self) -> int:
+        """Return the number of the socket, to be waited for."""
+        return self._connection.fileno()
+
+    def _exactly(self, count: int) -> bytearray:
+        data = bytearray(count)
+        view = memoryview(data)
+        while view:
+            received = self._connection.recv_into(view)
+            if not received:
+                raise EOFError
+            view = view[received:]
+        return data
+
+
+def to_array(values: object) -> FloatArray:
+    """Return numbers as an array of 64 bits each."""
+    return np.array(values, dtype=np.float64)

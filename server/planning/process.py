@@ -1,4 +1,4 @@
-"""The planning process, as the server sees it: started, talked to, watched, stopped.
+"""A process beside the server, as the server sees it: started, talked to, watched, stopped, and replaced.
 
 asyncio starts it and says when it has ended. No pool of processes does more for one process that may hang; see
 `docs/decisions/015-no-process-pool.md`.
@@ -7,31 +7,43 @@ asyncio starts it and says when it has ended. No pool of processes does more for
 from __future__ import annotations
 
 import asyncio
+import logging
 import pickle
 import socket
 import sys
 from asyncio.subprocess import DEVNULL
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 from runtime import BundleError
-from server.planning.messages import BUFFER, LENGTHS, PlannerOptions, frame
+from server.logs import Seldom
+from server.planning.messages import BUFFER, LENGTHS, frame
 
-PLANNING_COMMAND = (
-    sys.executable,
-    "-P",
-    "-c",
-    "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); from server.planning.worker import main; main()",
-)
-"""How the planning process is run: -P, so that no file of the folder it is run from is imported by its name; deaf to a
-terminal's Ctrl-C, which is for the server, from its first instruction."""
+log = logging.getLogger("slide-serve")
+
+
+def command_of(module: str) -> tuple[str, ...]:
+    """Return how a module's `main` is run as a process: -P, so that no file of the folder it is run from is imported by
+    its name; deaf to a terminal's Ctrl-C, which is for the server, from its first instruction."""
+    deaf = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+    return sys.executable, "-P", "-c", f"{deaf}; from {module} import main; main()"
+
+
+PLANNING_COMMAND = command_of("server.planning.worker")
+READING_COMMAND = command_of("server.planning.reading")
 
 GRACE = 0.5
 """Longest time until the process has ended by itself, once the server is done with it (s)."""
 
+START_TIMEOUT = 60.0
+"""Longest time until a process is ready (s); compiling takes ten of them on a busy machine."""
 
-class PlanningProcess:
-    """The server's side of a planning process."""
+FIRST_PAUSE, LONGEST_PAUSE = 0.1, 2.0
+"""Pause before a process that did not become ready is started again (s): the first, and the longest."""
+
+
+class Child:
+    """The server's side of a process beside it."""
 
     def __init__(
         self, process: asyncio.subprocess.Process, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -40,22 +52,29 @@ class PlanningProcess:
         self._exit = asyncio.ensure_future(process.wait())
 
     @classmethod
-    async def start(cls, options: PlannerOptions, command: Sequence[str] = PLANNING_COMMAND) -> PlanningProcess:
-        """Start a planning process and wait until it is ready.
+    async def start(cls, options: object, command: Sequence[str]) -> Child:
+        """Start a process and wait until it is ready.
 
         Args:
-            options: what it plans with.
+            options: its first message.
             command: the program; its last argument is the number of its end of a socket.
 
         Raises:
-            BundleError: it is not ready to plan; what it says is passed on.
+            BundleError: it says that it cannot do its work; what it says is passed on.
+            EOFError: it has ended before it was ready.
+            OSError: the system has no room for it.
         """
         ours, its = socket.socketpair()
-        for end in (ours, its):
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
-        with its:
+        try:
+            for end in (ours, its):
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
             number = its.fileno()
             process = await asyncio.create_subprocess_exec(*command, str(number), stdin=DEVNULL, pass_fds=(number,))
+        except BaseException:
+            ours.close()
+            raise
+        finally:
+            its.close()
         it = cls(process, *await asyncio.open_connection(sock=ours, limit=BUFFER))
         try:
             it.send(options)
@@ -63,7 +82,7 @@ class PlanningProcess:
             if error:
                 raise BundleError(error)
         except EOFError:
-            raise BundleError(f"the planning process ended before it was ready, with {await it.stop()}") from None
+            raise EOFError(str(await it.stop())) from None
         except BaseException:
             await it.stop(0.0)
             raise
@@ -112,3 +131,51 @@ class PlanningProcess:
         if not done:
             self._process.kill()
         return await self._exit
+
+
+async def keep(
+    name: str,
+    options: Callable[[], object],
+    command: Sequence[str],
+    use: Callable[[Child], Coroutine[Any, Any, None]],
+    lost: Callable[[], None],
+) -> None:
+    """Have a process do its work, one after another, until cancelled.
+
+    A process that ends, or is not ready in time, or for which the system has no room, is replaced; pauses grow while
+    none becomes ready.
+
+    Args:
+        name: of the process, for the log.
+        options: its first message.
+        command: how it is run.
+        use: what is done with it while it is there; a TimeoutError says that it hangs.
+        lost: called when it is there no more.
+
+    Raises:
+        BundleError: it says that it cannot do its work.
+    """
+    pause, seldom = 0.0, Seldom()
+    while True:
+        try:
+            async with asyncio.timeout(START_TIMEOUT):
+                child = await Child.start(options(), command)
+        except (EOFError, OSError) as error:  # a TimeoutError is an OSError
+            why = {EOFError: f"has ended ({error})", TimeoutError: "hangs"}.get(
+                type(error), f"cannot be started: {error}"
+            )
+            seldom.error(log, f"the {name} process {why} before it was ready: another one is started")
+            pause = min(LONGEST_PAUSE, 2.0 * pause or FIRST_PAUSE)
+            await asyncio.sleep(pause)
+            continue
+        hung, pause = False, 0.0
+        try:
+            await child.work(use(child))
+        except EOFError:
+            pass
+        except TimeoutError:
+            hung = True
+        finally:
+            lost()
+            code = await (child.stop(0.0) if hung else child.stop())
+        log.error("the %s process %s (%d): a new one is started", name, "hung" if hung else "has ended", code)

@@ -13,19 +13,23 @@ import pickle
 import signal
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import orjson
 
 from runtime import BundleError, InputError, MissingExtraError, Plan, Planner, SlideError, Status
+from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.physics.law import compile_law
-from server.planning.messages import LENGTHS, PlanFailure, PlanJob, PlannerOptions, PlanReply, frame
+from server import logs
+from server.planning.messages import Channel, PlanFailure, PlanJob, PlannerOptions, PlanReply
+from server.problems import Problem
+from server.shares import AGAIN
 
 log = logging.getLogger("slide-serve")
 
@@ -59,31 +63,40 @@ class Worker:
     """The process's side of the socket.
 
     Args:
-        connection: its end.
+        channel: its end.
         load: gives the planner, with a TimedBundle, or says in a SlideError why there is none.
     """
 
-    def __init__(self, connection: socket.socket, load: Callable[[PlannerOptions], Planner]) -> None:
-        self._connection, self._reader, self._load = connection, connection.makefile("rb"), load
+    def __init__(self, channel: Channel, load: Callable[[PlannerOptions], Planner]) -> None:
+        self._channel, self._load = channel, load
+        self._compiling: threading.Thread | None = None
 
     def run(self) -> None:
         """Plan until the server hangs up."""
+        options: PlannerOptions = self._channel.receive()
         try:
-            planner = self._load(self._receive())
+            planner = self._load(options)
         except SlideError as error:
-            self._send(str(error))
+            self._channel.send(str(error))
             return
         assert isinstance(planner.bundle, TimedBundle)
         self._planner, self._bundle = planner, planner.bundle
         gc.freeze()  # what is loaded stays: it need not be looked through again and again
-        self._send("")
+        if options.compile and not options.at_once:
+            self._compiling = threading.Thread(target=compile_all, args=(options,), daemon=True)
+            self._compiling.start()
+        self._channel.send("")
         while True:
-            batch = self._receive()
+            batch = [pickle.loads(data) for data in self._channel.receive()]
             self._plan(batch, range(len(batch)))
 
     def _plan(self, batch: list[PlanJob], indices: range) -> None:
         """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
         begin, self._bundle.spent[0] = time.perf_counter(), 0.0
+        if batch[indices[0]].refine_ms is not None and self._compiling is not None and self._compiling.is_alive():
+            compiling = Problem("not-ready", "refinement is being compiled, which takes seconds", headers=AGAIN)
+            self._channel.send(PlanFailure(indices[0], compiling))
+            return
         try:
             plans = self._plans([batch[index] for index in indices])
         except Exception as error:
@@ -95,7 +108,7 @@ class Worker:
                 error = InputError(f"the server cannot refine a plan: {error}", "refine_ms")
             elif not isinstance(error, InputError):
                 log.exception("planning failed")
-            self._send(PlanFailure(indices[0], error if isinstance(error, InputError) else None))
+            self._channel.send(PlanFailure(indices[0], error if isinstance(error, InputError) else None))
             return
         encode, together = self._bundle.spent[0], len(indices)
         decode = time.perf_counter() - begin - encode
@@ -103,16 +116,16 @@ class Worker:
             begin = time.perf_counter()
             body = plan.to_npz() if batch[index].npz else as_json(plan)
             write = time.perf_counter() - begin
-            self._send(PlanReply(index, plan.quality.status.value, together, encode, decode, write), body)
+            self._channel.send(PlanReply(index, plan.quality.status.value, together, encode, decode, write), body)
             together = 0
 
     def _plans(self, jobs: list[PlanJob]) -> list[Plan]:
         if len(jobs) == 1:
-            command, friction, *_ = jobs[0]
             options = jobs[0]._asdict()
-            return [self._planner.plan(command, friction, **{name: options[name] for name in PLAN_OPTIONS})]
+            command = jobs[0].given.command()
+            return [self._planner.plan(command, jobs[0].friction, **{name: options[name] for name in PLAN_OPTIONS})]
         return self._planner.plan_batch(
-            [job.command for job in jobs],
+            [job.given.command() for job in jobs],
             [job.friction for job in jobs],
             limits=[job.limits for job in jobs],
             start=[job.start for job in jobs],
@@ -120,25 +133,16 @@ class Worker:
             tolerance=jobs[0].tolerance,
         )
 
-    def _receive(self) -> Any:
-        """Return the next message.
-
-        Raises:
-            EOFError: the server is gone.
-        """
-        head = self._reader.read(LENGTHS.size)
-        if len(head) < LENGTHS.size:
-            raise EOFError
-        return pickle.loads(self._reader.read(LENGTHS.unpack(head)[0]))
-
-    def _send(self, message: object, plan: bytes = b"") -> None:
-        self._connection.sendall(frame(message, len(plan)))
-        self._connection.sendall(plan)
-
 
 def as_json(plan: Plan) -> bytes:
     """Return the plan's JSON document; every float keeps all its digits."""
     return orjson.dumps(plan.document(), option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def golden_move() -> FloatArray:
+    """Return the golden command, (GOLDEN_SAMPLES, 2) (m)."""
+    s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
+    return GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
 
 
 def load_planner(options: PlannerOptions) -> Planner:
@@ -149,10 +153,9 @@ def load_planner(options: PlannerOptions) -> Planner:
     """
     planner = Planner(options.model, sha256=options.sha256)
     planner.bundle = TimedBundle(**vars(planner.bundle))
-    if options.compile:
+    if options.compile and options.at_once:
         compile_law()
-    s = np.linspace(0.0, 1.0, GOLDEN_SAMPLES)
-    position = GOLDEN_REACH * np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.zeros_like(s)], axis=1)
+    position = golden_move()
     plan = planner.plan(position)
     batch = planner.plan_batch([position, 0.5 * position, position])
     replayed = plan.replay()[:, :2]
@@ -163,15 +166,22 @@ def load_planner(options: PlannerOptions) -> Planner:
         raise BundleError(f"the golden plan differs from itself by {largest:.3g} m, more than {AGREEMENT:g} m")
     if plan.quality.status is Status.LIMIT_EXCEEDED:
         raise BundleError(f"the golden plan does not keep its limits: {'; '.join(plan.quality.notes)}")
-    if options.compile:
+    if options.compile and options.at_once:
         planner.plan(position, refine_iterations=1)  # compiles too, which takes longer than any deadline
     return planner
+
+
+def compile_all(options: PlannerOptions) -> None:
+    """Compile what can be, beside the planning: the law, and what refines."""
+    compile_law()
+    with suppress(MissingExtraError):
+        Planner(options.model, sha256=options.sha256).plan(golden_move(), refine_iterations=1)
 
 
 def main(load: Callable[[PlannerOptions], Planner] = load_planner) -> None:
     """Run the process; its last argument is the number of its end of the socket, which it inherits."""
     for stop in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a terminal or a service: the server stops
         signal.signal(stop, signal.SIG_IGN)
-    logging.basicConfig(format="%(name)s: %(message)s", level=logging.INFO)
+    logs.set_up("text")
     with socket.socket(fileno=int(sys.argv[-1])) as connection, suppress(EOFError, ConnectionError):
-        Worker(connection, load).run()
+        Worker(Channel(connection), load).run()

@@ -19,7 +19,7 @@ def test_description_names_every_path_and_answer(server: Any) -> None:
     document = server.get("/openapi.json").json()
     assert set(document["paths"]) == {"/plan", "/plans", "/health/live", "/health/ready", "/info", "/metrics"}
     answers = set(document["paths"]["/plan"]["post"]["responses"])
-    assert answers == {"200", "400", "401", "406", "408", "413", "415", "422", "500", "503", "504"}
+    assert answers == {"200", "400", "401", "406", "408", "413", "415", "422", "429", "500", "503", "504"}
     body = document["paths"]["/plan"]["post"]["requestBody"]["content"]["application/json"]["schema"]["$ref"]
     assert body.rpartition("/")[2] in document["components"]["schemas"]
 

@@ -164,7 +164,7 @@ def test_rate_size_and_silence_are_limited(run_server: Callable[..., Any]) -> No
 def test_too_many_streams_are_refused(run_server: Callable[..., Any]) -> None:
     with run_server(max_streams=1) as server:
         first = opened(server)
-        with pytest.raises(ServerError, match="Too much is waiting to be planned: too many streams are open"):
+        with pytest.raises(ServerError, match="Too much is waiting to be planned: all 1 streams are taken"):
             RemoteStream(server.url, np.zeros((5, 2)))
         first.close()
         wait_for(lambda: server.service.streams == 0)

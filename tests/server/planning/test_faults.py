@@ -314,7 +314,10 @@ def test_bundle_of_another_sha256_is_refused() -> None:
 def test_queue_that_is_full_says_when_to_come_back(
     run_server: Callable[..., Any], make_request: Callable[..., Any]
 ) -> None:
-    with run_server(max_queue=2, deadline=60.0, max_wait=60.0) as server, ThreadPoolExecutor(16) as threads:
+    with (
+        run_server(max_queue=2, client_share=1.0, deadline=60.0, max_wait=60.0) as server,
+        ThreadPoolExecutor(16) as threads,
+    ):
         with stopped(server):
             asked = [threads.submit(server.post, "/plan", json=make_request())]
             wait_for(lambda: server.service.dispatcher.busy > 0.0)  # by itself: of two at once, both would be taken
@@ -364,11 +367,16 @@ def test_sigterm_while_the_planning_process_compiles_ends_with_0_at_once() -> No
 
 
 def planning_processes(server: int) -> list[int]:
+    return [each for each in children(server) if "planning.worker" in Path(f"/proc/{each}/cmdline").read_text()]
+
+
+def children(server: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{server}/task/{server}/children").read_text().split()]
 
 
-def test_planning_process_ends_with_a_server_that_is_killed() -> None:
+def test_processes_end_with_a_server_that_is_killed() -> None:
     with process() as server:
-        (planning,) = planning_processes(server.process.pid)
+        started = children(server.process.pid)
+        assert len(started) == 2
         server.process.kill()
-        wait_for(lambda: not Path(f"/proc/{planning}").exists())
+        wait_for(lambda: not any(Path(f"/proc/{each}").exists() for each in started))

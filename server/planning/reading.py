@@ -1,0 +1,146 @@
+"""The reading process: it parses and checks what clients send, so that nobody waits for the longest of it.
+
+The server starts it with one end of a socket and sends ReaderOptions; the answer is "". From then on each ReadRequest
+is answered by a ReadReply. Bodies are read side by side, a command at a time: a short one does not wait for the end of
+a long one. The process ends when the socket does.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import pickle
+import select
+import signal
+import socket
+import sys
+from collections import deque
+from collections.abc import Generator
+from contextlib import suppress
+from typing import Any
+
+from runtime import Command, InputError, Start
+from runtime.network.reader import chunk_count
+from server import logs
+from server.http.schemas import (
+    PlanRequest,
+    PlansRequest,
+    StepRequest,
+    StreamRequest,
+    read,
+    to_command,
+    to_job,
+    to_start,
+)
+from server.planning.bounds import stop_samples
+from server.planning.messages import Channel, PlanJob, ReaderOptions, ReadJob, ReadReply, ReadRequest
+from server.problems import Problem
+
+log = logging.getLogger("slide-serve")
+
+OTHER_BRACKETS = 1000
+"""Brackets of a request that may belong to something else than positions."""
+
+Steps = Generator[None, None, Any]
+"""Reads a body; between two steps others have their turn."""
+
+
+def plan(options: ReaderOptions, body: bytes, npz: bool = False) -> Steps:
+    """Read the body of `POST /plan`: a list of one ReadJob."""
+    _check_positions(body, options)
+    asked = read(PlanRequest, body)
+    yield
+    command = to_command(asked.command, options.max_samples, "command")
+    job = to_job(asked, asked.command.given(), options)._replace(npz=npz)
+    return [_read_job(job, command, options)]
+
+
+def plans(options: ReaderOptions, body: bytes) -> Steps:
+    """Read the body of `POST /plans`: a ReadJob for each command."""
+    asked = read(PlansRequest, body)
+    if len(asked.commands) > options.max_commands:
+        raise Problem("invalid", f"at most {options.max_commands} commands are taken", "commands")
+    result = []
+    for index, each in enumerate(asked.commands):
+        yield
+        command = to_command(each, options.max_samples, f"commands[{index}]")
+        result.append(_read_job(to_job(asked, each.given(), options), command, options))
+    return result
+
+
+def _check_positions(body: bytes, options: ReaderOptions) -> None:
+    """Send away what has too many positions before it is parsed: each needs a bracket.
+
+    Raises:
+        Problem: `invalid`.
+    """
+    found = body.count(b"[")
+    if found > options.max_samples + OTHER_BRACKETS:
+        raise Problem("invalid", f"the command has about {found} positions, at most {options.max_samples} are taken")
+
+
+def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob:
+    chunks = chunk_count(command, options.manifest) * (job.candidates or 1)
+    if chunks > options.max_chunks and job.candidates is not None:
+        detail = f"{job.candidates} candidates have {chunks} chunks together, at most {options.max_chunks} are planned"
+        raise InputError(detail, "candidates")
+    rows = len(command) + stop_samples(job.limits, job.start)
+    data = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
+    return ReadJob(data, len(command), rows, chunks, None if job.alone else (chunks, job.tolerance))
+
+
+def stream(options: ReaderOptions, body: bytes) -> Steps:
+    """Read what opens a stream: the Command, the PlanJob of it, and whether messages are packed."""
+    _check_positions(body, options)
+    asked = read(StreamRequest, body)
+    yield
+    command = to_command(asked.command, options.max_samples, "command")
+    job = to_job(asked, asked.command.given(), options)
+    stop_samples(job.limits, job.start, job.friction)
+    return command, job, asked.packed
+
+
+def step(options: ReaderOptions, body: bytes) -> Steps:
+    """Read a step that carries a command: the Command, and the Start if there is one."""
+    asked = read(StepRequest, body)
+    yield
+    command = None if asked.command is None else to_command(asked.command, options.max_samples, "command")
+    start: Start | None = None if asked.start is None else to_start(asked.start)
+    return asked, command, start
+
+
+KINDS = {reading.__name__: reading for reading in (plan, plans, stream, step)}
+
+
+def serve(channel: Channel) -> None:
+    """Read until the server hangs up."""
+    options: ReaderOptions = channel.receive()
+    gc.freeze()  # what is loaded stays: it need not be looked through again and again
+    channel.send("")
+    turns: deque[tuple[int, Steps]] = deque()
+    while True:
+        while not turns or select.select([channel], [], [], 0.0)[0]:
+            request: ReadRequest = channel.receive()
+            turns.append((request.number, KINDS[request.kind](options, request.body, **request.options)))
+            del request
+        number, steps = turns.popleft()
+        try:
+            next(steps)
+        except StopIteration as end:
+            channel.send(ReadReply(number, end.value))
+        except (Problem, InputError) as problem:
+            channel.send(ReadReply(number, problem))
+        except Exception:
+            log.exception("reading failed")
+            channel.send(ReadReply(number, Problem("failed")))
+        else:
+            turns.append((number, steps))
+
+
+def main() -> None:
+    """Run the process; its last argument is the number of its end of the socket, which it inherits."""
+    for stop in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a terminal or a service: the server stops
+        signal.signal(stop, signal.SIG_IGN)
+    logs.set_up("text")
+    with socket.socket(fileno=int(sys.argv[-1])) as connection, suppress(EOFError, ConnectionError):
+        serve(Channel(connection))
