@@ -55,7 +55,8 @@ class Planner:
     """Plans with one bundle; may be used from several threads, and handed to other processes: see `Bundle`.
 
     Args:
-        path: the bundle's folder, or the name of a shipped one; `default` if None.
+        path: the bundle's folder, the name of a shipped one, or hf://user/name for one on the Hugging Face hub;
+            `default` if None.
         sha256: what the sha256 of its manifest must be; any if None.
 
     Attributes:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from runtime.documents.files import parse_json, read_bytes, read_text
 from runtime.errors import BundleError, InputError
+from runtime.network.hub import fetch, is_on_hub
 from runtime.network.manifest import (
     DECODER_STEP,
     ENCODER,
@@ -50,7 +51,16 @@ Float32Array = NDArray[np.float32]
 
 
 def bundle_path(path: str | PathLike[str]) -> Path:
-    """Return the folder of a bundle: `path` itself, or that of the shipped bundle `path` names if there is no such."""
+    """Return the folder of a bundle: `path` itself, or that of the shipped bundle `path` names if there is no such.
+
+    One on the Hugging Face hub, hf://user/name, is fetched.
+
+    Raises:
+        BundleError: it cannot be fetched.
+        MissingExtraError: it is on the hub, and huggingface-hub is not installed.
+    """
+    if is_on_hub(path):
+        return fetch(path)
     path = Path(path)
     named = not path.exists() and len(path.parts) == 1 and (SHIPPED / path).is_dir()
     return SHIPPED / path if named else path
@@ -88,13 +98,14 @@ class Bundle:
         """Load a bundle from its folder.
 
         Args:
-            path: the folder, or the name of a shipped bundle where there is no such folder.
+            path: the folder, the name of a shipped bundle where there is no such folder, or hf://user/name.
             sha256: what the manifest's must be, in hexadecimal; any if None.
 
         Raises:
             BundleError: the manifest or a graph is missing, a hash does not fit, a graph has what no graph of ours
                 has (`runtime.network.onnx_check`), or the graphs are not what the manifest says: names, shapes,
-                or results.
+                or results; or it is on the Hugging Face hub and cannot be fetched.
+            MissingExtraError: it is there, and huggingface-hub is not installed.
         """
         path = bundle_path(path)
         if not path.exists():

@@ -25,6 +25,7 @@ MORE_IN = {
     "runtime/many": {"pyarrow"},
     "runtime/many/workers.py": {"ray"},
     "runtime/client": {"websockets", "httpx"},
+    "runtime/network/hub.py": {"huggingface_hub"},
     "runtime/physics/compiled.py": {"numba"},
 }
 """What single modules or folders of runtime may import besides."""

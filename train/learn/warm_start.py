@@ -1,4 +1,4 @@
-"""Weights to begin with: those of another run, or of a bundle's graphs.
+"""Weights to begin with: those of another run, or of a bundle, in its graphs or in floats beside them.
 
 A bundle has no covariances (the rows of the output layer beyond 2C), which only the likelihoods of Eqs. 22 and 25
 need; these rows stay as they are. A wider network takes a narrower one's weights so that it computes what that did:
@@ -21,6 +21,7 @@ from train.learn.trainer import Trainer
 from train.network.checkpoint import CHECKPOINT, load_checkpoint, load_model
 from train.network.model import Seq2Seq
 from train.network.onnx_weights import weights_of_graphs
+from train.network.weights_file import WEIGHTS_FILE, read_weights
 
 READS_UNITS = re.compile(r"weight_hh|weight_ih_l[1-9]|feedforward\.weight")
 """Matrices whose columns are the units of a layer, not samples of a chunk."""
@@ -46,13 +47,17 @@ def load_weights(model: Seq2Seq, source: Path) -> dict[str, str]:
 
     Raises:
         FormatError, BundleError: it is none of these, or damaged.
-        InputError: it is in integers, or a network of another shape, which is named.
+        InputError: it is in integers alone, or a network of another shape, which is named.
+        MissingExtraError: the weights are beside the graphs, and safetensors is not installed.
     """
     if (source / MANIFEST_FILE).exists():
         bundle = Bundle.load(source)  # checks hashes and operators before anything here reads the graphs
-        if bundle.manifest.precision != "fp32":
+        if (source / WEIGHTS_FILE).exists():
+            weights = read_weights(source / WEIGHTS_FILE)
+        elif bundle.manifest.precision == "fp32":
+            weights = weights_of_graphs(source, bundle.manifest.graphs)
+        else:
             raise InputError(f"cannot begin with {source}: it is {bundle.manifest.precision}; begin with an fp32 one")
-        weights = weights_of_graphs(source, bundle.manifest.graphs)
         origin = {"name": bundle.manifest.name, "sha256": bundle.sha256}
     else:
         config, other = load_model(load_checkpoint(source))

@@ -1,0 +1,217 @@
+"""A bundle as models are published on the Hugging Face hub: with a card, its facts, and weights to train on with."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from torch import Tensor
+
+from export.write_bundle import bundle_folder
+from runtime.limits import UNITS
+from runtime.network.bundle import Bundle
+from runtime.network.manifest import MANIFEST_FILE, ONE_PAN, TRAINED_ON, Manifest
+from runtime.version import __version__
+from train.config import read_config
+from train.network.checkpoint import load_checkpoint, weights_to_use
+from train.network.onnx_weights import weights_of_graphs
+from train.network.weights_file import WEIGHTS_FILE, write_weights
+
+CARD = "README.md"
+CONFIG = "config.json"
+
+LARGE_FILES = "*.onnx filter=lfs diff=lfs merge=lfs -text\n*.safetensors filter=lfs diff=lfs merge=lfs -text\n"
+"""Which files git keeps elsewhere."""
+
+CITATION = """@article{kutsuzawa2018sequence,
+  title = {Sequence-to-Sequence Model for Trajectory Planning of Nonprehensile Manipulation Including Contact Model},
+  author = {Kutsuzawa, Kyo and Sakaino, Sho and Tsuji, Toshiaki},
+  journal = {IEEE Robotics and Automation Letters},
+  year = {2018},
+  doi = {10.1109/LRA.2018.2854958}
+}"""
+
+MM = 1e3
+"""Millimetres in a metre."""
+
+READABLE = 0o644
+
+
+def float_weights(source: Path) -> dict[str, Tensor] | None:
+    """Return the weights of a run, a checkpoint or an fp32 bundle by torch's names; None if there are none in floats.
+
+    Raises:
+        FormatError: it is a checkpoint that cannot be read.
+    """
+    if not (source / MANIFEST_FILE).exists():
+        saved = load_checkpoint(source)
+        return weights_to_use(saved, read_config(saved["config"]))
+    manifest = Bundle.load(source).manifest
+    if manifest.precision != "fp32" or manifest.kind != ONE_PAN:
+        return None
+    return weights_of_graphs(source, manifest.graphs)
+
+
+def publish(bundle: Path, folder: Path, weights: Mapping[str, Tensor] | None) -> list[str]:
+    """Write a bundle as a repository of the hub; the folder is a bundle too, and appears whole or not at all.
+
+    Args:
+        bundle: its folder.
+        folder: to write.
+        weights: in floats, by torch's names; None if there are none.
+
+    Returns:
+        The files' names.
+
+    Raises:
+        BundleError: the bundle cannot be trusted or understood.
+        OutputError: `folder` holds something that is no bundle, or cannot be written.
+        MissingExtraError: weights without safetensors.
+    """
+    loaded = Bundle.load(bundle)
+    manifest = loaded.manifest
+    with bundle_folder(folder) as temporary:
+        for name in (MANIFEST_FILE, *(graph.file for graph in manifest.graphs.values())):
+            shutil.copyfile(loaded.path / name, temporary / name)
+        if weights is not None:
+            write_weights(temporary / WEIGHTS_FILE, weights)
+            (temporary / WEIGHTS_FILE).chmod(READABLE)  # safetensors makes it its owner's alone
+        (temporary / CONFIG).write_text(config(manifest, loaded.sha256), encoding="utf-8")
+        (temporary / CARD).write_text(card(manifest, weights is not None), encoding="utf-8")
+        (temporary / ".gitattributes").write_text(LARGE_FILES, encoding="utf-8")
+        return sorted(file.name for file in temporary.iterdir())
+
+
+def config(manifest: Manifest, sha256: str) -> str:
+    """Return what the network is, as a JSON document.
+
+    Args:
+        manifest: the bundle's.
+        sha256: of the manifest.
+    """
+    document = manifest.to_dict()
+    names = ("name", "precision", "opset", "layers", "units", "network", "dt", "training")
+    facts = {
+        "model_type": "slide-planner",
+        "slide_planner_version": __version__,
+        "manifest_sha256": sha256,
+        **{name: document[name] for name in names},
+    }
+    return json.dumps(facts, indent=2) + "\n"
+
+
+def card(manifest: Manifest, with_weights: bool) -> str:
+    """Return the model card: what the model is for, what it knows, how good it is, and where it fails."""
+    errors = {
+        name.removesuffix("_tracking").replace("_", " "): value
+        for name, value in manifest.evaluation.items()
+        if name.endswith("_tracking") and isinstance(value, float)
+    }
+    metrics = "".join(
+        f"""
+      - task: {{type: robotics, name: Sliding along a path}}
+        dataset: {{type: slide-planner-{name.replace(" ", "-")}, name: {name}}}
+        metrics: [{{type: rmse, name: Tracking RMSE (mm), value: {value * MM:.2f}}}]"""
+        for name, value in errors.items()
+    )
+    figures = "\n".join(f"| {name} | {value * MM:.2f} |" for name, value in errors.items())
+    units = TRAINED_ON[manifest.kind]
+    ranges = "\n".join(
+        f"| {name.replace('_', ' ')} | {low:g} to {high:g} {units[name]} |".replace("  |", " |")
+        for name, (low, high) in manifest.trained_on.items()
+    )
+    limits = "\n".join(
+        f"| {name.replace('_', ' ')} | {value:g} {UNITS.get(name, '')} |"
+        for name, value in manifest.limits.to_dict().items()
+    )
+    return f"""---
+license: mit
+library_name: slide-planner
+pipeline_tag: robotics
+tags: [robotics, motion-planning, nonprehensile-manipulation, friction, onnx]
+model-index:
+  - name: {json.dumps(manifest.name)}
+    results:{metrics or " []"}
+---
+
+# {manifest.name}
+
+Plans the motion of a frying pan that makes the object on it slide along a given path, by stick and slip. The network is
+an encoder and a decoder of {manifest.layers} x {manifest.units} LSTM units, {manifest.precision}, in two ONNX graphs.
+
+## Use
+
+Install slide-planner with its extra `hub`. Then:
+
+```python
+import numpy as np
+from runtime import Planner
+
+planner = Planner("hf://USER/NAME")
+t = np.linspace(0.0, 2.0 * np.pi, 1200)
+plan = planner.plan(0.03 * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1))  # metres on the pan, at 1 kHz
+plan.pan_acceleration  # m/s^2
+```
+
+{train_on(with_weights)}
+
+## What it is for
+
+Planning how a robot moves a pan that an object slides on, in milliseconds. Friction and the robot's limits must be
+known about as well as a measurement gives them. A governor holds every limit at every sample, whatever the network
+says. The plan's own prediction tells how well the object follows.
+
+It is not a safety device: the limits hold for the plan, and who executes it must see that the robot follows the plan.
+
+## Limits of its plans, unless others are given
+
+| limit | value |
+|---|---|
+{limits}
+
+## What it was trained on
+
+| what | range |
+|---|---|
+{ranges}
+
+Friction {manifest.friction.static:g} static and {manifest.friction.kinetic:g} kinetic count where nothing else is said.
+
+## How good it is
+
+Tracking RMSE is the root of the mean squared distance between object and path over time. The commands were not trained
+on, and the friction is the one that is planned for.
+
+| commands | tracking RMSE (mm) |
+|---|---|
+{figures or "| not measured | |"}
+
+## Where it fails
+
+- Outside the ranges above the error grows, and the plan says `beyond_training_range`.
+- If the pan may not accelerate by more than static friction times 9.8 m/s^2, the object never slides: `cannot_slide`.
+- Under another friction than planned for, the object drifts: `quality.friction_off_rmse` is the error if the friction
+  is 10 % off. A closed loop that sees the object corrects it.
+- The object must slide by Coulomb's law on a flat pan. It must not roll or tip, and how it turns is not planned.
+- A path that asks for more than the limits allow is followed as far as they let the pan.
+
+## Licence and citation
+
+MIT. The method is that of
+
+```bibtex
+{CITATION}
+```
+"""
+
+
+def train_on(with_weights: bool) -> str:
+    """Return how to train on with the weights."""
+    if not with_weights:
+        return "There are no weights in floats here to train on with."
+    return (
+        f"`{WEIGHTS_FILE}` has the weights in floats, to train on with (extras `hub` and `train`):\n\n"
+        "    slide-train my_robot.json --init hf://USER/NAME"
+    )
