@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from runtime import Friction, Planner, StreamStatus
 from runtime.physics.law import slide_one
-from runtime.physics.pan import integrate_pan
+from runtime.physics.pan import IN_PLANE, integrate_pan
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Report:
 def plant(commands: queue.Queue[Array | None], measured: queue.Queue[tuple[Array, Array]], push_at: int) -> None:
     """Execute chunks until None comes; after each, hand back the last C measured states of pan and object."""
     rng = np.random.default_rng(0)
-    pan, sliding = np.zeros(4), np.zeros(4)
+    pan, sliding = np.zeros(6), np.zeros(4)
     for count in range(sys.maxsize):
         u = commands.get()
         if u is None:
@@ -70,8 +70,8 @@ def plant(commands: queue.Queue[Array | None], measured: queue.Queue[tuple[Array
         pans, slidings = integrate_pan(pan, u), slide_one(sliding, u, ACTUAL)
         pan, sliding = pans[-1], slidings[-1] + (PUSH if count == push_at else 0.0)
         slidings[-1] = sliding
-        noise = rng.standard_normal((2, *pans.shape)) * NOISE
-        measured.put((pans + noise[0], slidings + noise[1]))
+        noise = rng.standard_normal((2, *slidings.shape)) * NOISE
+        measured.put((pans[:, IN_PLANE] + noise[0], slidings + noise[1]))  # of a level pan, x, y, vx, vy are enough
 
 
 def figure_eight() -> Array:

@@ -98,10 +98,12 @@ def compare(model: Seq2Seq, config: TrainConfig, bundle: Path) -> Agreement:
             raise VerificationError("the branches part at the first sample: the graphs do not match the network")
         parted += bool(differs.size)
         samples += end
-        acceleration = max(acceleration, float(np.abs(plan.pan_acceleration[:end] - motion.u[0, :end].numpy()).max()))
+        acceleration = max(
+            acceleration, float(np.abs(plan.pan_acceleration[:end, :2] - motion.u[0, :end].numpy()).max())
+        )
         position = max(
             position,
-            float(np.abs(plan.pan_position[1 : end + 1] - after[:end, 0:2]).max()),
+            float(np.abs(plan.pan_position[1 : end + 1, :2] - after[:end, 0:2]).max()),
             float(np.abs(plan.object_position[1 : end + 1] - command[0] - after[:end, 4:6]).max()),
         )
     return Agreement(COMMANDS, samples, parted, acceleration, position)

@@ -8,6 +8,7 @@ answer and the input of every replay, all the same.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -30,7 +31,7 @@ from runtime.outputs.notebook import summary, to_html
 from runtime.outputs.npz_file import from_npz, to_npz
 from runtime.outputs.plot import plot
 from runtime.physics.law import DT, slide_one
-from runtime.physics.motion import Motion, tracking_error
+from runtime.physics.motion import Motion, in_space, lengths, tracking_error
 from runtime.physics.pan import integrate_pan
 from runtime.quality import Quality, Status
 from runtime.safety.pan import Pan, state_after
@@ -44,7 +45,10 @@ if TYPE_CHECKING:
 
 __all__ = ["PLAN_FORMAT", "Plan", "Quality", "Status", "tracking_error"]
 
-PLAN_FORMAT = "slide-plan/1"
+PLAN_FORMAT = "slide-plan/2"
+
+LEVEL_FORMAT = "slide-plan/1"
+"""What older versions wrote: the pan is in its plane, and its rows are [x, y]."""
 
 OPTIONAL = ("sizes", "stop")
 """Keys that plans written by older versions lack."""
@@ -62,14 +66,15 @@ class Plan:
         model_sha256: sha256 of that bundle's manifest, which carries the hashes of its graphs.
         friction: the coefficients the plan was made for.
         command_position: (K, 2) where the object should be, relative to the pan (m).
-        pan_acceleration: (K, 2) in the world (m/s^2); row k acts from t_k to t_(k+1).
-        pan_velocity: (K, 2) in the world (m/s).
-        pan_position: (K, 2) in the world, relative to where the pan began (m).
+        pan_acceleration: (K, 3) in the world (m/s^2), the third upwards, 0 for a level pan; row k acts from t_k to
+            t_(k+1).
+        pan_velocity: (K, 3) in the world (m/s).
+        pan_position: (K, 3) in the world, relative to where the pan began (m).
         object_velocity: (K, 2) predicted, relative to the pan (m/s).
         object_position: (K, 2) predicted, relative to the pan (m).
         quality: figures, limits and status.
         sizes: radii of the pan and of the object.
-        stop_acceleration: (n, 2) in the world (m/s^2), what follows the last row of `pan_acceleration`: the pan comes
+        stop_acceleration: (n, 3) in the world (m/s^2), what follows the last row of `pan_acceleration`: the pan comes
             to rest within its limits, and where that is possible, the object stays on its mark. Empty in plans that
             were written before plans had a stop.
     """
@@ -86,7 +91,7 @@ class Plan:
     object_position: FloatArray
     quality: Quality
     sizes: Sizes = DEFAULT_SIZES
-    stop_acceleration: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    stop_acceleration: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def of(
@@ -109,8 +114,8 @@ class Plan:
             friction=friction,
             command_position=command_position.copy(),
             pan_acceleration=motion.acceleration.copy(),
-            pan_velocity=pan[:, 2:].copy(),
-            pan_position=pan[:, :2].copy(),
+            pan_velocity=pan[:, 3:].copy(),
+            pan_position=pan[:, :3].copy(),
             object_velocity=sliding[:, 2:].copy(),
             object_position=sliding[:, :2].copy(),
             quality=quality,
@@ -125,16 +130,17 @@ class Plan:
         """Return a plan that no network made: of given pan accelerations, within no limits, from rest.
 
         Args:
-            u: (K, 2) pan accelerations (m/s^2).
+            u: (K, 3) pan accelerations (m/s^2), or (K, 2) of a level pan.
             friction: coefficients that the object's motion is predicted with.
             name: what stands in the place of the model's name.
             command_position: (K, 2) where the object should be (m), and where it begins; what is predicted from the
                 pan's centre if None.
         """
+        u = in_space(u)
         start = np.zeros((1, 4))
         if command_position is not None:
             start[0, :2] = command_position[0]
-        pan = np.concatenate([np.zeros((1, 4)), integrate_pan(np.zeros(4), u)])
+        pan = np.concatenate([np.zeros((1, 6)), integrate_pan(np.zeros(6), u)])
         motion = Motion(u, u, pan, np.concatenate([start, slide_one(start[0], u, friction)]))
         command = motion.sliding[:-1, :2] if command_position is None else command_position
         stop = stop_after(motion, len(u), Pan(state_after(pan, u), RESTING, NO_LIMITS), command[-1], friction)
@@ -242,7 +248,7 @@ class Plan:
 
     @classmethod
     def from_dict(cls, document: object, source: str = "plan") -> Self:
-        """Read the JSON document; older ones lack the keys of OPTIONAL.
+        """Read the JSON document; older ones lack the keys of OPTIONAL, or are of LEVEL_FORMAT.
 
         Args:
             document: the parsed document.
@@ -253,7 +259,8 @@ class Plan:
                 number; the message names the key.
         """
         with reading(source):
-            check_format(document, PLAN_FORMAT)
+            level = isinstance(document, Mapping) and document.get("format") == LEVEL_FORMAT
+            check_format(document, LEVEL_FORMAT if level else PLAN_FORMAT)
             needed = ("format", "dt", "model", "friction", "command", "pan", "object", "quality")
             parts = fields(document, "", needed, OPTIONAL)
             model = fields(parts["model"], "model", ("name", "sha256"))
@@ -268,25 +275,30 @@ class Plan:
             if not len(position):
                 raise InputError("command.position must have at least one row")
 
-            def rows(value: object, key: str) -> FloatArray:
-                result = table(value, key)
+            def space(value: object, key: str) -> FloatArray:
+                return in_space(table(value, key)) if level else table(value, key, 3)
+
+            def rows(value: object, key: str, read: Callable[[object, str], FloatArray] = table) -> FloatArray:
+                result = read(value, key)
                 if len(result) != len(position):
                     raise InputError(f"{key} has {len(result)} rows, command.position has {len(position)}")
                 return result
 
+            velocity = rows(pan["velocity"], "pan.velocity", space)
+            quality = _with_space(parts["quality"], velocity) if level else parts["quality"]
             return cls(
                 dt=dt,
                 model_name=text(model["name"], "model.name"),
                 model_sha256=text(model["sha256"], "model.sha256"),
                 friction=Friction.from_dict(parts["friction"]),
                 command_position=position,
-                pan_acceleration=rows(pan["acceleration"], "pan.acceleration"),
-                pan_velocity=rows(pan["velocity"], "pan.velocity"),
-                pan_position=rows(pan["position"], "pan.position"),
+                pan_acceleration=rows(pan["acceleration"], "pan.acceleration", space),
+                pan_velocity=velocity,
+                pan_position=rows(pan["position"], "pan.position", space),
                 object_velocity=rows(sliding["velocity"], "object.velocity"),
                 object_position=rows(sliding["position"], "object.position"),
-                quality=Quality.from_dict(parts["quality"]),
-                stop_acceleration=table(stop, "stop.acceleration"),
+                quality=Quality.from_dict(quality),
+                stop_acceleration=space(stop, "stop.acceleration"),
                 sizes=Sizes.from_dict(parts["sizes"]) if "sizes" in parts else DEFAULT_SIZES,
             )
 
@@ -323,3 +335,19 @@ class Plan:
             else:
                 raise InputError(f"a plan is a .json or .npz file, got the suffix {path.suffix!r}")
         return cls.from_dict(document, str(path))
+
+
+def _with_space(quality: object, velocity: FloatArray) -> object:
+    """Return the figures of a plan of LEVEL_FORMAT with those it lacks: of a level pan, without a limit on its speed.
+
+    Its velocity is (K, 3) (m/s). What is no figures at all is left to `Quality` to refuse.
+    """
+    if not isinstance(quality, Mapping):
+        return quality
+    found = {"height_max": 0.0, "speed_max": float(lengths(velocity).max()), **quality}
+    for name in ("limits", "margins", "worst"):
+        part = quality.get(name)
+        if isinstance(part, Mapping):
+            level = None if name == "worst" or part.get("pan_reach") is None else 0.0
+            found[name] = {"height": level, "speed": None, "jerk": None, **part}
+    return found

@@ -102,6 +102,8 @@ class Quality:
         tracking_rmse: root of the mean squared distance between object and command (m).
         tracking_max: largest distance between object and command (m).
         pan_reach: largest distance of the pan from the centre of its reach (m).
+        height_max: largest distance of the pan above or below the centre of its reach (m); 0 for a level pan.
+        speed_max: largest speed of the pan (m/s).
         acceleration_max: largest pan acceleration (m/s^2).
         jerk_max: largest change of the pan acceleration from one sample to the next, over dt (m/s^3).
         sliding_share: share of the samples at which the object slides (0 to 1).
@@ -124,6 +126,8 @@ class Quality:
     tracking_rmse: float
     tracking_max: float
     pan_reach: float
+    height_max: float
+    speed_max: float
     acceleration_max: float
     jerk_max: float
     sliding_share: float
@@ -160,7 +164,7 @@ class Quality:
     def from_dict(cls, document: object, where: str = "quality") -> Self:
         """Read the JSON document; `where` is its key in the plan.
 
-        Older plans may lack the limit on jerk and the keys of _OPTIONAL.
+        Older plans may lack the keys of _OPTIONAL.
 
         Raises:
             InputError: a key is missing or unknown, or a value is not what it must be.
@@ -177,7 +181,7 @@ class Quality:
             **{name: number(parts[name], f"{where}.{name}") for name in _NUMBERS},
             limits=_by_limit(parts["limits"], f"{where}.limits"),
             margins=_by_limit(parts["margins"], f"{where}.margins"),
-            worst=_by_limit(parts.get("worst", {"pan_reach": None, "acceleration": None}), f"{where}.worst"),
+            worst=_by_limit(parts.get("worst", dict.fromkeys(UNITS)), f"{where}.worst"),
             governed=None if governed is None else _changes(governed, f"{where}.governed"),
             friction=None if friction is None else _friction_range(friction, f"{where}.friction"),
             friction_off_rmse=_optional(parts.get("friction_off_rmse"), f"{where}.friction_off_rmse"),
@@ -189,7 +193,7 @@ class Quality:
         )
 
 
-_NUMBERS = tuple(each.name for each in fields_of(Quality)[:6])
+_NUMBERS = tuple(each.name for each in fields_of(Quality)[:8])
 _OPTIONAL = (
     "worst",
     "governed",
@@ -202,8 +206,8 @@ _OPTIONAL = (
 
 
 def _by_limit(value: object, where: str) -> dict[str, float | None]:
-    parts = fields(value, where, tuple(name for name in UNITS if name != "jerk"), optional=("jerk",))
-    return {name: _optional(parts.get(name), f"{where}.{name}") for name in UNITS}
+    parts = fields(value, where, tuple(UNITS))
+    return {name: _optional(parts[name], f"{where}.{name}") for name in UNITS}
 
 
 def _changes(value: object, where: str) -> Changes:

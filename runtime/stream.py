@@ -22,7 +22,7 @@ from runtime.command import Command
 from runtime.commands.come_back import come_back
 from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError, ConcurrentUseError, InputError
-from runtime.measured import check_age, check_states, complete
+from runtime.measured import check_age, check_pan, check_states, complete
 from runtime.network.bundle import Bundle
 from runtime.network.decode import Job
 from runtime.network.reader import Reader
@@ -92,7 +92,7 @@ class StreamState(NamedTuple):
     Attributes:
         motion: the chunk given last, with the states that it is predicted to lead to.
         before, after: the pan before and after it.
-        commanded: (4,) the pan by what was commanded alone: position (m) and velocity (m/s).
+        commanded: (6,) the pan by what was commanded alone: position (m) and velocity (m/s).
         measured: the pan and object states handed in last, None where there were none.
         missing: chunks in a row in which something was missing; -1 before the first.
         status: of the chunk.
@@ -152,13 +152,14 @@ class Stream:
         `status` says what happened.
 
         Args:
-            pan_state: (C, 4) the last C measured pan positions (m), relative to the centre of the reach, and
-                velocities (m/s) in the world, or (4,) the last one only. Before the first step, the start.
-            object_state: the same for the object, relative to the pan.
+            pan_state: (C, 6) the last C measured pan positions (m), relative to the centre of the reach, and
+                velocities (m/s) in the world, x, y, z of each, or (6,) the last one only; of a level pan also (C, 4)
+                or (4,), x and y of each. Before the first step, the start.
+            object_state: (C, 4) or (4,), the same for the object, relative to the pan.
             age: of the last row (s); it is moved forward along what was commanded since.
 
         Returns:
-            (C, 2) pan accelerations (m/s^2).
+            (C, 3) pan accelerations (m/s^2).
 
         Raises:
             InputError: a state of another shape or type, or an age that is no number: a mistake in the program.
@@ -167,7 +168,10 @@ class Stream:
         with self._alone():
             last = self._state
             chunk = self._bundle.manifest.one_pan.chunk
-            measured = check_states(pan_state, "pan_state", chunk), check_states(object_state, "object_state", chunk)
+            measured = (
+                check_pan(pan_state, chunk, self._limits.level),
+                check_states(object_state, "object_state", chunk),
+            )
             late = check_age(age)
             if last.status is StreamStatus.BRAKING:
                 return self._stop(last.after)
@@ -207,7 +211,7 @@ class Stream:
             sample: number of the chunk's samples that have been executed, 0 to C.
 
         Returns:
-            (n, 2) pan accelerations (m/s^2), n at least 1; the last is zero, and the pan is at rest after it.
+            (n, 3) pan accelerations (m/s^2), n at least 1; the last is zero, and the pan is at rest after it.
 
         Raises:
             InputError: there is no such sample.
@@ -294,14 +298,23 @@ class Stream:
         return complete(measured, late, predicted, u, move)
 
     def _locate(self, predicted: Pan, states: FloatArray | None) -> tuple[Pan, StreamStatus]:
-        """Return the pan where it was measured, with a stop from there; its reach is widened to what the stop needs."""
-        if states is None or states[-1].tolist() == list(predicted.state[:4]):
+        """Return the pan where it was measured, with a stop from there; its limits are widened to what the stop needs.
+
+        Those on reach, height and speed: what it does to come to rest keeps the others.
+        """
+        if states is None or states[-1].tolist() == list(predicted.state[:6]):
             return predicted, StreamStatus.FOLLOWING
-        x, y, vx, vy = states[-1].tolist()
-        pan = Pan.at(predicted.state._replace(x=x, y=y, vx=vx, vy=vy), self._limits)
-        if pan.can_stop:
+        limits, pan = self._limits, Pan.at(_moved_to(predicted.state, states[-1]), self._limits)
+        needed = pan.stop_extent
+        if needed.within(limits):
             return pan, StreamStatus.FOLLOWING
-        return pan._replace(limits=replace(self._limits, pan_reach=pan.stop_reach)), StreamStatus.OUTSIDE
+        wider = replace(
+            limits,
+            pan_reach=max(limits.pan_reach, needed.reach),
+            height=max(limits.height, needed.height),
+            speed=max(limits.speed, needed.speed),
+        )
+        return pan._replace(limits=wider), StreamStatus.OUTSIDE
 
     def _follow(self, before: Pan, pan: FloatArray, sliding: FloatArray) -> tuple[Motion, Pan]:
         """Ask the network and govern: the motion of the next chunk, and the pan at its end.
@@ -361,27 +374,26 @@ class Stream:
         """
         last = self._state
         state = before.state
-        x, y, vx, vy = last.commanded.tolist()
-        commanded = state._replace(x=x, y=y, vx=vx, vy=vy)
-        moved = math.dist(state[:2], last.after.state[:2]) > self._tolerance
+        commanded = _moved_to(state, last.commanded)
+        moved = math.dist(state[:3], last.after.state[:3]) > self._tolerance
         if last.status is StreamStatus.RESTING and not moved:
             before = last.after
             if before.brake.samples == 0 and math.hypot(sliding[2], sliding[3]) <= STILL_SPEED:
                 ending = ending._replace(place=sliding[:2].copy())
         else:
-            near = math.dist(state[:2], commanded[:2]) <= self._tolerance
-            if near and math.dist(state[2:4], commanded[2:4]) <= SAME_SPEED:
+            near = math.dist(state[:3], commanded[:3]) <= self._tolerance
+            if near and math.dist(state[3:6], commanded[3:6]) <= SAME_SPEED:
                 state = commanded
             brake = kindest_stop(state, sliding, self._mark, before.limits, self._friction)
             before = before if brake is None else before._replace(state=state, brake=brake)
         return self._braked(before, sliding)._replace(status=StreamStatus.RESTING, ending=ending)
 
     def _commanded(self, motion: Motion) -> FloatArray:
-        """Return the pan by what was commanded alone, after a chunk: (4,) position (m) and velocity (m/s)."""
+        """Return the pan by what was commanded alone, after a chunk: (6,) position (m) and velocity (m/s)."""
         pan, free = motion.pan, len(motion.acceleration) * DT
-        position, velocity = self._state.commanded[:2], self._state.commanded[2:]
-        moved = pan[-1, :2] - pan[0, :2] + (velocity - pan[0, 2:]) * free
-        return np.concatenate([position + moved, velocity + pan[-1, 2:] - pan[0, 2:]])
+        position, velocity = self._state.commanded[:3], self._state.commanded[3:]
+        moved = pan[-1, :3] - pan[0, :3] + (velocity - pan[0, 3:]) * free
+        return np.concatenate([position + moved, velocity + pan[-1, 3:] - pan[0, 3:]])
 
     def _stop(self, before: Pan) -> FloatArray:
         """Give the next chunk of the stop, which holds until `reset`."""
@@ -396,7 +408,7 @@ class Stream:
         """Return the next chunk of a pan's stop."""
         chunk = self._bundle.manifest.one_pan.chunk
         u = before.brake.accelerations(chunk)
-        states = integrate_pan(np.array(before.state[:4]), u)
+        states = integrate_pan(np.array(before.state[:6]), u)
         motion = self._predict(before, u, u, states, sliding)
         return StreamState(motion, before, before.braked(chunk, states, u), self._commanded(motion))
 
@@ -404,5 +416,11 @@ class Stream:
         self, before: Pan, asked: FloatArray, u: FloatArray, states: FloatArray, sliding: FloatArray
     ) -> Motion:
         """Return the motion of a chunk whose pan states after each sample are known, by the law of friction."""
-        pan = np.concatenate([[before.state[:4]], states])
+        pan = np.concatenate([[before.state[:6]], states])
         return Motion(u, asked, pan, np.concatenate([sliding[None], self._slide(sliding, u)]))
+
+
+def _moved_to(state: PanState, there: FloatArray) -> PanState:
+    """Return a pan with its acceleration at (6,) position (m) and velocity (m/s)."""
+    x, y, z, vx, vy, vz = there.tolist()
+    return state._replace(x=x, y=y, z=z, vx=vx, vy=vy, vz=vz)

@@ -21,7 +21,7 @@ from runtime.friction import Friction
 from runtime.network import reader
 from runtime.network.decode import Job, decode
 from runtime.physics.law import DT, slide_one
-from runtime.physics.pan import integrate_pan
+from runtime.physics.pan import IN_PLANE, integrate_pan
 from runtime.planner import Planner
 from runtime.start import Start
 
@@ -212,7 +212,7 @@ def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, distu
     rng = np.random.default_rng(seed)
     chunk, friction = planner.bundle.manifest.one_pan.chunk, planner.bundle.manifest.friction
     spread = np.array(NOISE) * float(noise)
-    pan, sliding, states = np.zeros(4), np.array([*position[0], 0.0, 0.0]), (None, None)
+    pan, sliding, states = np.zeros(6), np.array([*position[0], 0.0, 0.0]), (None, None)
     stream, errors = planner.stream(position), []
     for count in range(len(position) // chunk):
         u = stream.step(*states)
@@ -225,7 +225,7 @@ def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, distu
             slidings[-1, :2] += PUSH * np.array([np.cos(angle), np.sin(angle)])
         pan, sliding = pans[-1], slidings[-1]
         drawn = rng.standard_normal((2, chunk, 4)) * spread
-        states = pans + drawn[0], slidings + drawn[1]
+        states = pans[:, IN_PLANE] + drawn[0], slidings + drawn[1]
     return np.array(errors)
 
 

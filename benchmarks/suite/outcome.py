@@ -63,7 +63,7 @@ def network(planner: Planner, batch: int = BATCH) -> PlanFunction:
         for begin in range(0, len(positions), batch):
             some = slice(begin, begin + batch)
             plans = planner.plan_batch(positions[some], friction=frictions[some])
-            accelerations += [plan.pan_acceleration for plan in plans]
+            accelerations += [plan.pan_acceleration[:, :2] for plan in plans]
         return accelerations
 
     return plan
@@ -79,7 +79,7 @@ def one_by_one(planner: Planner, refine_ms: float | None = None, robust: float |
 
     def plan(positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
         return [
-            planner.plan(position, friction, refine_ms=refine_ms, robust=robust).pan_acceleration
+            planner.plan(position, friction, refine_ms=refine_ms, robust=robust).pan_acceleration[:, :2]
             for position, friction in zip(positions, frictions, strict=True)
         ]
 

@@ -14,7 +14,8 @@ from runtime.arm.run import Recording
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.physics.law import DT, GRAVITY, slide_one
-from runtime.plan import Plan, tracking_error
+from runtime.physics.motion import tracking_error
+from runtime.plan import Plan
 from runtime.report.report import Track
 
 MM = 1e3
@@ -162,4 +163,4 @@ def measured_track(plan: Plan, recording: Recording, name: str) -> tuple[Plan, T
     pan, sliding = recording.pan[:samples], recording.sliding[:samples]
     if samples < len(plan):
         plan = replace(plan, **{array: getattr(plan, array)[:samples] for array in PLAN_ARRAYS})
-    return plan, Track(name, sliding[:, :2], sliding[:, 2:], pan[:, :2])
+    return plan, Track(name, sliding[:, :2], sliding[:, 2:], pan[:, :3])

@@ -31,7 +31,7 @@ class Follower(Protocol):
     """What `Planner.stream` gives: decodes a command chunk by chunk from measured states; see `runtime.Stream`."""
 
     def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
-        """Give the accelerations (C, 2) (m/s^2) of the next chunk from the last C states, each (C, 4)."""
+        """Give the accelerations (C, 3) (m/s^2) of the next chunk from the last C states, (C, 6) and (C, 4)."""
 
 
 Source = Callable[[int, Sequence[Measured]], FloatArray | None]
@@ -81,11 +81,6 @@ class Recording:
         return np.array([each.sliding for each in self.measured])
 
 
-def in_space(level: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors of a pan: as they are, or (n, 2) ones of a level pan with a third component of 0."""
-    return level if level.shape[1] == 3 else np.column_stack([level, np.zeros(len(level))])
-
-
 def check_plan(plan: Plan) -> None:
     """Check that a plan can be executed.
 
@@ -103,9 +98,8 @@ def check_plan(plan: Plan) -> None:
         raise InputError(
             f"pan.acceleration has {largest:.3g} m/s^2, at most {MAX_ACCELERATION:g} m/s^2 are tried (is it in m/s^2?)"
         )
-    u = in_space(plan.pan_acceleration)
-    led_to = integrate_pan(np.zeros(6), u)[:-1, :3]
-    mismatch = np.abs(in_space(plan.pan_position) - np.concatenate([np.zeros((1, 3)), led_to])).max()
+    led_to = integrate_pan(np.zeros(6), plan.pan_acceleration)[:-1, :3]
+    mismatch = np.abs(plan.pan_position - np.concatenate([np.zeros((1, 3)), led_to])).max()
     if mismatch > PAN_MISMATCH:
         raise InputError(
             f"pan.position differs by {mismatch:.3g} m from what pan.acceleration leads to from rest at the origin, "
@@ -115,7 +109,7 @@ def check_plan(plan: Plan) -> None:
 
 def open_loop(plan: Plan) -> Source:
     """Give the plan's own accelerations, and those of its stop."""
-    u = np.concatenate([in_space(plan.pan_acceleration), in_space(plan.stop_acceleration)])
+    u = np.concatenate([plan.pan_acceleration, plan.stop_acceleration])
     return lambda k, measured: u[k] if k < len(u) else None
 
 
@@ -141,7 +135,7 @@ def closed_loop(follower: Follower, chunk: int, samples: int) -> Source:
             if seen[-1].status is ObjectStatus.OFF_PAN:
                 last = next((each for each in reversed(measured) if each.status is not ObjectStatus.OFF_PAN), seen[0])
                 sliding[:] = last.sliding
-            u = in_space(follower.step(pan[:, [0, 1, 3, 4]], sliding))
+            u = follower.step(pan, sliding)
             rested = 0 if u.any() or k < samples else rested + 1
         now: FloatArray = u[k % chunk]
         return None if rested > RESTED or k >= samples + round(LONGEST_ENDING / DT) else now

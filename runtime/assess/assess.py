@@ -10,14 +10,20 @@ import numpy as np
 from runtime.assess.sureness import friction_off_error
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.limits import UNITS, Limits
+from runtime.limits import LARGEST_SINK, UNITS, Limits
 from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.motion import Motion, lengths, tracking_error
 from runtime.physics.positions import slide_to_rest
 from runtime.quality import Changes, FrictionRange, OffPan, Quality, Status
 from runtime.sizes import Sizes
 
-FIGURES = {"pan_reach": "pan_reach", "acceleration": "acceleration_max", "jerk": "jerk_max"}
+FIGURES = {
+    "pan_reach": "pan_reach",
+    "height": "height_max",
+    "speed": "speed_max",
+    "acceleration": "acceleration_max",
+    "jerk": "jerk_max",
+}
 """The figure of `Quality` that each limit bounds."""
 
 ROUNDING = 1e-6
@@ -59,12 +65,12 @@ def assess(
 
     Args:
         motion: K samples of pan and object, as planned.
-        stop: (n, 2) pan accelerations that follow and bring the pan to rest (m/s^2).
+        stop: (n, 3) pan accelerations that follow and bring the pan to rest (m/s^2).
         command_position: (K, 2) where the object should be, relative to the pan's centre (m).
         friction: what it was planned for.
         limits: what the governor kept it to.
         sizes: of pan and object.
-        acceleration_before: (2,) of the pan over the sample before the first (m/s^2).
+        acceleration_before: (3,) of the pan over the sample before the first (m/s^2).
         tolerance: under which friction the plan holds a tolerance, and which; None if there is no tolerance.
         beyond: a line for each thing that is outside the range trained on.
         remarks: further notes, which lead to no status.
@@ -77,11 +83,13 @@ def assess(
     rmse, farthest = tracking_error(sliding[:, :2], command_position)
     along = {
         "pan_reach": lengths(pan[:, :2]),
+        "height": np.abs(pan[:, 2]),
+        "speed": lengths(pan[:, 3:]),
         "acceleration": lengths(u),
         "jerk": lengths(u - np.concatenate([acceleration_before[None], u[:-1]])) / DT,
     }
     figures = {FIGURES[name]: float(values.max()) for name, values in along.items()}
-    held = {name: value if limits.finite else None for name, value in limits.to_dict().items()}
+    held = limits.to_dict()
     changes = _count_changes(u, asked, limits)
     changed = _changed(changes, len(u))
     many = changes.samples > FEW * len(u)
@@ -89,7 +97,7 @@ def assess(
     rest = math.dist(slide_to_rest(motion.sliding[-1], stop, friction), command_position[-1])
     off_pan = {"command": find_off_pan(command_position, sizes), "object": find_off_pan(sliding[:, :2], sizes)}
     notes = {
-        Status.LIMIT_EXCEEDED: _exceeded(figures, held),
+        Status.LIMIT_EXCEEDED: _exceeded(figures, held) + _dropped(u, limits),
         Status.TOLERANCE_MISSED: _missed(rmse, tolerance),
         Status.OFF_PAN: _over_rim(off_pan, sizes),
         Status.CANNOT_SLIDE: cannot_slide(friction, limits) if still > 0.0 else [],
@@ -123,6 +131,16 @@ def cannot_slide(friction: Friction, limits: Limits) -> list[str]:
     needed = friction.static * GRAVITY
     if limits.acceleration > needed:
         return []
+    if not limits.level:
+        # The pan sinks as it pushes, which the object feels as less weight: the best is to push along (1, -mu).
+        sink = min(limits.acceleration * friction.static / math.hypot(1.0, friction.static), LARGEST_SINK)
+        push, needed = math.sqrt(limits.acceleration**2 - sink**2), friction.static * (GRAVITY - sink)
+        if push > needed:
+            return []
+        return [
+            f"the object cannot slide: within {limits.acceleration:g} m/s^2 the pan may push by {push:.4g} m/s^2 while "
+            f"it sinks, and static friction {friction.static:g} holds the object up to {needed:.4g} m/s^2 then"
+        ]
     return [
         f"the object cannot slide: the pan may accelerate by {limits.acceleration:g} m/s^2, and static friction "
         f"{friction.static:g} holds the object up to {needed:.4g} m/s^2"
@@ -136,6 +154,16 @@ def _exceeded(figures: Mapping[str, float], limits: Mapping[str, float | None]) 
         if limit is not None and value > limit * (1.0 + ROUNDING):
             lines.append(f"{name.replace('_', ' ')} {value:.4g} {unit} exceeds the limit of {limit:g} {unit}")
     return lines
+
+
+def _dropped(u: FloatArray, limits: Limits) -> list[str]:
+    """Return a line if the pan sinks from under the object."""
+    sink = -float(u[:, 2].min())
+    if not limits.finite or sink <= LARGEST_SINK * (1.0 + ROUNDING):
+        return []
+    return [
+        f"the pan accelerates downwards by {sink:.4g} m/s^2, and the object keeps its hold up to {LARGEST_SINK:g} m/s^2"
+    ]
 
 
 def _missed(rmse: float, tolerance: FrictionRange | None) -> list[str]:

@@ -91,7 +91,7 @@ def friction_range(
     static, kinetic = static[static >= friction.kinetic], kinetic[kinetic <= friction.static]
     cells = [(each, friction.kinetic) for each in static] + [(friction.static, each) for each in kinetic]
     u, start = motion.acceleration, motion.sliding[0]
-    inputs = np.broadcast_to(u[:-1], (len(cells), len(u) - 1, 2))
+    inputs = np.broadcast_to(u[:-1], (len(cells), *u[:-1].shape))
     grid = np.array(cells)
     states = slide_batch(np.tile(start, (len(cells), 1)), inputs, grid[:, 0], grid[:, 1])
     errors = lengths(states[..., :2] - command_position[1:])

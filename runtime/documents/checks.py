@@ -116,15 +116,20 @@ def column(value: object, key: str) -> FloatArray:
     return result
 
 
-def table(value: object, key: str) -> FloatArray:
-    """Check that a value is a list of pairs [x, y] of finite numbers.
+ROWS = {2: "a pair of numbers [x, y]", 3: "a triple of numbers [x, y, z]"}
+"""What a row of a table is, by its width."""
+
+
+def table(value: object, key: str, width: int = 2) -> FloatArray:
+    """Check that a value is a list of pairs [x, y], or of triples [x, y, z], of finite numbers.
 
     Args:
         value: nested lists or an array (anything with `__array__`).
         key: its name, for the message.
+        width: numbers in a row, 2 or 3.
 
     Returns:
-        (n, 2) a fresh array.
+        (n, width) a fresh array.
 
     Raises:
         InputError: another shape, ragged, an element that is no finite number; row (from 0) and column are named.
@@ -132,26 +137,27 @@ def table(value: object, key: str) -> FloatArray:
     if hasattr(value, "__array__"):
         value = np.asarray(value)
         _check_dtype(value, key)
-        if value.ndim != 2 or value.shape[1] != 2:
-            raise InputError(f"{key} must have the shape (K, 2), got {value.shape}", key)
+        if value.ndim != 2 or value.shape[1] != width:
+            raise InputError(f"{key} must have the shape (K, {width}), got {value.shape}", key)
         with np.errstate(invalid="ignore"):  # NaN of any kind is named below
             result = value.astype(np.float64)
     elif isinstance(value, (list, tuple)):
         items: list[float] = []
         for index, row in enumerate(value):
-            if not isinstance(row, (list, tuple, np.ndarray)) or len(row) != 2:
+            if not isinstance(row, (list, tuple, np.ndarray)) or len(row) != width:
                 place = f"{key}[{index}]"
-                raise InputError(f"{place} must be a pair of numbers [x, y], got {reprlib.repr(row)}", place)
+                raise InputError(f"{place} must be {ROWS[width]}, got {reprlib.repr(row)}", place)
             for axis, item in enumerate(row):
                 plain = type(item) is float  # most are: no message is put together for them
                 if not plain:
-                    item = number(item, f"{key}[{index}], column {'xy'[axis]}", f"{key}[{index}][{axis}]")
+                    item = number(item, f"{key}[{index}], column {'xyz'[axis]}", f"{key}[{index}][{axis}]")
                 items.append(item)
-        result = np.array(items, dtype=np.float64).reshape(-1, 2)
+        result = np.array(items, dtype=np.float64).reshape(-1, width)
     else:
-        raise InputError(f"{key} must be a list of pairs of numbers [x, y], got {reprlib.repr(value)}", key)
+        rows = "pairs of numbers [x, y]" if width == 2 else "triples of numbers [x, y, z]"
+        raise InputError(f"{key} must be a list of {rows}, got {reprlib.repr(value)}", key)
     for row, axis in np.argwhere(~np.isfinite(result)):
-        message = f"{key}[{row}], column {'xy'[axis]}: {result[row, axis]} is not a finite number"
+        message = f"{key}[{row}], column {'xyz'[axis]}: {result[row, axis]} is not a finite number"
         raise InputError(message, f"{key}[{row}][{axis}]")
     return result
 

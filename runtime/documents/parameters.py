@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from runtime.documents import checks
 from runtime.errors import within
@@ -12,6 +12,9 @@ from runtime.errors import within
 @dataclass(frozen=True)
 class Parameters:
     """Base of `Friction`, `Limits` and `Sizes`: their JSON document, whose keys are their fields."""
+
+    OPTIONAL: ClassVar[tuple[str, ...]] = ()
+    """Keys that a document may lack, as older ones do; the fields have their defaults then."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document."""
@@ -29,8 +32,8 @@ class Parameters:
             InputError: a key is missing or unknown, a value is no finite number, or the class refuses it.
         """
         where = cls.__name__.lower() if where is None else where
-        names = tuple(field.name for field in fields(cls))
-        parts = checks.fields(document, where, names)
-        values = {name: checks.number(parts[name], f"{where}.{name}") for name in names}
+        needed = tuple(field.name for field in fields(cls) if field.name not in cls.OPTIONAL)
+        parts = checks.fields(document, where, needed, cls.OPTIONAL)
+        values = {name: checks.number(value, f"{where}.{name}") for name, value in parts.items()}
         with within(where):
             return cls(**values)

@@ -12,6 +12,7 @@ from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError
 from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.network.manifest import Manifest
+from runtime.physics.pan import IN_PLANE
 
 
 class Window(NamedTuple):
@@ -84,11 +85,12 @@ class Reader(NamedTuple):
         """Ask for the next chunk.
 
         Args:
-            pan: (B, C, 4) the last C pan states relative to the centre of the reach (m, m/s).
+            pan: (B, C, 6) the last C pan states relative to the centre of the reach (m, m/s).
             sliding: (B, C, 4) the last C object states relative to the pan (m, m/s).
 
         Returns:
-            (B, C, 2) pan accelerations (m/s^2), and the reader a chunk farther.
+            (B, C, 3) pan accelerations (m/s^2), and the reader a chunk farther. A network that plans for level pans
+            sees nothing of the pan's height, and asks for none.
 
         Raises:
             BundleError: an acceleration is no finite number.
@@ -98,12 +100,14 @@ class Reader(NamedTuple):
             reader = self.at(self.bundle, self.commands, self.last, self.window)
         seen = np.arange(reader.n, reader.n + manifest.one_pan.command_ahead)
         command = reader.ahead[:, np.minimum(seen, reader.ahead.shape[1] - 1)]
-        states = np.concatenate([pan, sliding - reader.origin], axis=2)
+        states = np.concatenate([pan[:, :, IN_PLANE], sliding - reader.origin], axis=2)
         observation = np.concatenate([states.reshape(len(pan), -1), command.reshape(len(pan), -1)], axis=1)
         u, memory = self.bundle.decode_step(observation.astype(np.float32), reader.memory)
         if not np.isfinite(u).all():
             raise BundleError(f"the network of bundle {manifest.name!r} gave no finite number in iteration {reader.n}")
-        return u.astype(np.float64), reader._replace(n=reader.n + 1, memory=memory)
+        asked = np.zeros((*u.shape[:2], 3))
+        asked[..., :2] = u
+        return asked, reader._replace(n=reader.n + 1, memory=memory)
 
 
 def chunk_count(command: Command, manifest: Manifest) -> int:
@@ -112,7 +116,7 @@ def chunk_count(command: Command, manifest: Manifest) -> int:
 
 
 def held_still(state: FloatArray, manifest: Manifest) -> FloatArray:
-    """Return the states that the decoder sees first, (B, C, 4): the start, (B, 1, 4), C times."""
+    """Return the states that the decoder sees first, (B, C, ...): the start, (B, 1, ...), C times."""
     return np.repeat(state, manifest.one_pan.chunk, axis=1)
 
 

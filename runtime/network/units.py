@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from runtime.documents.checks import FloatArray
+from runtime.limits import WEIGHT_KEPT
 from runtime.physics.law import GRAVITY
 
 REACH = 0.2
@@ -42,9 +43,6 @@ AHEAD = 4 * CHUNK
 
 AHEAD_ROWS = (*range(0, CHUNK, 4), *range(CHUNK, AHEAD, 8))
 """Samples of these that it sees."""
-
-WEIGHT_KEPT = 0.2
-"""Share of its weight that presses the object on the pan at least, whatever the pan does."""
 
 LEAST_JERK = 700.0
 """Smallest jerk, in the network's units, that the network is made for.

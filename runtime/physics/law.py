@@ -126,7 +126,7 @@ def slide_one(state: FloatArray, acceleration: FloatArray, friction: Friction, d
     """
     static, kinetic = friction.static, friction.kinetic
     px, py, vx, vy = state.tolist()
-    lifts = acceleration.shape[1] == 3
+    lifts = acceleration.shape[1] == 3 and bool(acceleration[:, 2].any())
     if lifts:
         check_contact(acceleration)
     compiled = _compiled  # which another thread may replace
@@ -143,7 +143,7 @@ def slide_one(state: FloatArray, acceleration: FloatArray, friction: Friction, d
             states.append((px, py, vx, vy))
     else:
         static_limit, kinetic_limit = static * GRAVITY, kinetic * GRAVITY
-        for ux, uy in acceleration.tolist():
+        for ux, uy in acceleration[:, :2].tolist():
             px, py, vx, vy = slide_step(px, py, vx, vy, ux, uy, static_limit, kinetic_limit, dt)
             states.append((px, py, vx, vy))
     # An array is made of numbers in half the time that it takes of tuples.
@@ -276,7 +276,7 @@ def slide_batch(
     batch, samples, columns = acceleration.shape
     inputs = np.ascontiguousarray(acceleration.transpose(1, 2, 0))
     normal = np.broadcast_to(GRAVITY, (samples, 1))
-    if columns == 3:
+    if columns == 3 and inputs[:, 2].any():
         check_contact(acceleration)
         normal = GRAVITY + inputs[:, 2]
     static_limits = np.broadcast_to(np.asarray(static, dtype=np.float64) * normal, (samples, batch))

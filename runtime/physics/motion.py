@@ -13,9 +13,9 @@ class Motion(NamedTuple):
     """The pan and the object over n samples; for B of them at once, each array has the axis B before its others.
 
     Attributes:
-        acceleration: (n, 2) of the pan in the world (m/s^2).
-        asked: (n, 2) what the network asked for, before the governor held it back (m/s^2).
-        pan: (n + 1, 4) pan position (m) and velocity (m/s) in the world, before and after each sample.
+        acceleration: (n, 3) of the pan in the world (m/s^2); the third is upwards, 0 for a level pan.
+        asked: (n, 3) what the network asked for, before the governor held it back (m/s^2).
+        pan: (n + 1, 6) pan position (m) and velocity (m/s) in the world, before and after each sample.
         sliding: (n + 1, 4) object position (m) and velocity (m/s) relative to the pan, before and after each sample.
     """
 
@@ -41,6 +41,12 @@ def tracking_error(object_position: FloatArray, command_position: FloatArray) ->
     return float(np.sqrt(np.mean(error * error))), float(error.max())
 
 
+def in_space(vectors: FloatArray) -> FloatArray:
+    """Return vectors (n, 3) of a pan from those in its plane, (n, 2); others as they are."""
+    return vectors if vectors.shape[1] == 3 else np.pad(vectors, ((0, 0), (0, 1)))
+
+
 def lengths(vectors: FloatArray) -> FloatArray:
-    """Return the Euclidean lengths (...) of (..., 2) vectors."""
-    return np.hypot(vectors[..., 0], vectors[..., 1])
+    """Return the Euclidean lengths (...) of (..., 2) or (..., 3) vectors."""
+    plane = np.hypot(vectors[..., 0], vectors[..., 1])
+    return plane if vectors.shape[-1] == 2 else np.hypot(plane, vectors[..., 2])

@@ -7,6 +7,9 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.physics.law import DT
 
+IN_PLANE = [0, 1, 3, 4]
+"""Where in a pan's state, (6,), x, y, vx and vy are."""
+
 
 def pan_step(position: float, velocity: float, acceleration: float, dt: float) -> tuple[float, float]:
     """Advance the pan by one sample along one of its axes: position (m), velocity (m/s), acceleration (m/s^2).

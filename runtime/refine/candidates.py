@@ -19,7 +19,7 @@ from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.refine.refine import expected, robust_error
 from runtime.safety.pan import Pan, state_after
-from runtime.start import Pair, Start
+from runtime.start import Pair, Start, Vector
 
 
 def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple[Motion, Pan]:
@@ -45,13 +45,13 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
     samples, sliding = len(job.command), motion.sliding[0, 0]
     frictions = expected(job.friction, robust)
     errors = [
-        robust_error(motion.acceleration[index, :samples] @ turn, sliding, job.command.position, frictions)
+        robust_error(_back(motion.acceleration[index, :samples], turn), sliding, job.command.position, frictions)
         for index, turn in enumerate(turns)
     ]
     best = int(np.argmin(errors))
     if best == 0:
         return motion.one(0), pans[0]
-    u, asked = motion.acceleration[best] @ turns[best], motion.asked[best] @ turns[best]
+    u, asked = (_back(each[best], turns[best]) for each in (motion.acceleration, motion.asked))
     pan = integrate_pan(motion.pan[0, 0], u)
     turned = Motion(
         u,
@@ -60,6 +60,11 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
         np.concatenate([sliding[None], slide_one(sliding, u, job.friction)]),
     )
     return turned, Pan(state_after(pan, u), pans[best].brake.turned(turns[best]), job.limits)
+
+
+def _back(u: FloatArray, turn: FloatArray) -> FloatArray:
+    """Return accelerations (n, 3) of a turned job turned back; what goes up goes up."""
+    return np.concatenate([u[:, :2] @ turn, u[:, 2:]], axis=1)
 
 
 def _turn(index: int, count: int) -> FloatArray:
@@ -75,9 +80,13 @@ def _turned(job: Job, turn: FloatArray) -> Job:
     """Return a job with all of its vectors turned; the command about where it begins, so that it stays on the pan."""
     start, origin = job.start, job.command.position[0]
 
-    def vector(pair: Pair) -> Pair:
-        x, y = turn @ pair
+    def plane(x: float, y: float) -> Pair:
+        x, y = turn @ (x, y)
         return float(x), float(y)
+
+    def vector(given: Vector) -> Vector:
+        pair = plane(given[0], given[1])
+        return pair if len(given) == 2 else (*pair, given[2])
 
     placed = start.object_position
     if placed is not None:
@@ -90,6 +99,6 @@ def _turned(job: Job, turn: FloatArray) -> Job:
             pan_velocity=vector(start.pan_velocity),
             pan_acceleration=vector(start.pan_acceleration),
             object_position=placed,
-            object_velocity=vector(start.object_velocity),
+            object_velocity=plane(*start.object_velocity),
         ),
     )

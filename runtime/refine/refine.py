@@ -25,12 +25,12 @@ from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.physics.compiled import compile_together, compiler
 from runtime.physics.law import DT, GRAVITY, slide, slide_one
-from runtime.physics.motion import Motion
-from runtime.physics.pan import integrate_pan
+from runtime.physics.motion import Motion, in_space
+from runtime.physics.pan import IN_PLANE, integrate_pan
 from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, Column, move, row_size, state_size, sweep
 from runtime.safety.governor import govern
-from runtime.safety.pan import Pan, state_after
-from runtime.safety.stop import GENTLE, PanState, find_brake, stop_reach, strongest
+from runtime.safety.pan import Pan
+from runtime.safety.stop import PanState, find_brake, gentle_strength, stop_extent, strongest
 
 SOFT_REACH = 0.97
 """Share of the reach from which the penalty begins."""
@@ -164,7 +164,7 @@ class Descent:
 
     def end(self) -> PanState:
         """Return the pan after the last sample."""
-        return PanState(*(float(value) for value in self._end[:4]), *(float(value) for value in self._u[-2:]))
+        return _in_plane([float(value) for value in self._end[:4]], [float(value) for value in self._u[-2:]])
 
     def go_on(self) -> bool:
         """Take a step, or try a kick where none paid; returns whether the cost is less than before."""
@@ -233,7 +233,7 @@ def refine(
     """Descend the tracking error of planned accelerations.
 
     Args:
-        u: (n, 2) planned (m/s^2), within the limits; the last may lead out of the command.
+        u: (n, 3) planned (m/s^2) of a level pan, within the limits; the last may lead out of the command.
         pan: at the start, with its limits, which are finite.
         sliding: (4,) object position (m) and velocity (m/s) at the start.
         command: (n, 2) where the object should be before each sample (m).
@@ -246,7 +246,7 @@ def refine(
         The best motion found and the pan at its end, None if it tracks no better than `u`.
     """
     frictions = expected(friction, effort.robust)
-    found = _descend(u, pan, sliding, command, frictions, effort, loops or kernels())
+    found = in_space(_descend(u[:, :2], pan, sliding, command, frictions, effort, loops or kernels()))
     kept, ahead = _governed(found, pan, sliding, friction, len(found))  # a stop from its end alone was seen to
     if not np.array_equal(kept.acceleration, found):
         kept, ahead = _governed(found, pan, sliding, friction, chunk)
@@ -267,11 +267,11 @@ def _descend(
     until = time.perf_counter() + effort.seconds
     limits = pan.limits
     ramps = RAMPS * min(limits.acceleration / limits.jerk, math.sqrt(BRAKED_FROM / limits.jerk))
-    within = limits.acceleration, limits.jerk * DT, *pan.state[4:]
-    reached = integrate_pan(np.array(pan.state[:4]), u)
-    braking = _braking(state_after(reached, u), limits, frictions[0])
+    within = limits.acceleration, limits.jerk * DT, *pan.state[6:8]
+    start = np.array(pan.state)[IN_PLANE]
+    braking = _braking(_in_plane(integrate_pan(start, u)[-1].tolist(), u[-1].tolist()), limits, frictions[0])
     law = SOFT_REACH * limits.pan_reach, braking, ramps
-    descent = Descent(loops, u, command, np.array(pan.state[:4]), sliding, frictions, law, within)
+    descent = Descent(loops, u, command, start, sliding, frictions, law, within)
     best, least, count = u, descent.squared, 0
     while time.perf_counter() < until if effort.iterations is None else count < effort.iterations:
         count += 1
@@ -281,23 +281,29 @@ def _descend(
     return best
 
 
+def _in_plane(pan: Sequence[float], u: Sequence[float]) -> PanState:
+    """Return the state of a level pan from x, y, vx, vy (m, m/s) and its acceleration in the plane (m/s^2)."""
+    (x, y, vx, vy), (ux, uy) = pan, u
+    return PanState(x, y, 0.0, vx, vy, 0.0, ux, uy, 0.0)
+
+
 def _braking(end: PanState, limits: Limits, friction: Friction) -> float:
     """Return how hard a pan may brake after a plan (m/s^2): so that a resting object stays where it is, if that goes.
 
     What could be stopped gently can be stopped so after refinement too; else an object that was on its mark in the end
     would slide away from it as soon as the plan is over.
     """
-    gentle = min(GENTLE * friction.static * GRAVITY, limits.acceleration)
+    gentle = min(gentle_strength(friction.static, limits), limits.acceleration)
     return gentle if gentle > 0.0 and _can_stop(end, limits, gentle) else limits.acceleration
 
 
 def _can_stop(end: PanState, limits: Limits, braking: float) -> bool:
-    return stop_reach(end, find_brake(end, limits, min(braking, strongest(end, limits)))) <= limits.pan_reach
+    return stop_extent(end, find_brake(end, limits, min(braking, strongest(end, limits)))).within(limits)
 
 
 def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, chunk: int) -> tuple[Motion, Pan]:
     """Let the governor go over accelerations, `chunk` samples at a time."""
-    pans, states, accelerations = [pan], [np.array([pan.state[:4]])], []
+    pans, states, accelerations = [pan], [np.array([pan.state[:6]])], []
     for first in range(0, len(u), chunk):
         acceleration, moved, pans = govern(pans, u[None, first : first + chunk])
         accelerations.append(acceleration[0])
@@ -324,7 +330,7 @@ def robust_error(u: FloatArray, sliding: FloatArray, command: FloatArray, fricti
     """Return the mean squared distance between object and command (m^2), on the weighted mean over frictions.
 
     Args:
-        u: (K, 2) pan accelerations (m/s^2).
+        u: (K, 3) pan accelerations (m/s^2).
         sliding: (4,) the object at the start (m, m/s).
         command: (K, 2) where it should be before each sample (m).
         frictions: as `expected` returns them.

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from runtime.documents.checks import FloatArray, table, text
 from runtime.documents.writing import write_whole
 from runtime.errors import InputError
+from runtime.physics.motion import lengths
 from runtime.plan import Plan
 
 DECIMALS = 6
@@ -46,10 +47,11 @@ class Track:
         name: what the legend calls it.
         object_position: (K, 2) relative to the pan (m).
         object_velocity: (K, 2) relative to the pan (m/s).
-        pan_position: (K, 2) in the world, relative to where the pan began (m).
+        pan_position: (K, 3) in the world, relative to where the pan began (m).
 
     Raises:
-        InputError: the name is no printable text, an array is not (K, 2) finite numbers, or lengths differ.
+        InputError: the name is no printable text, an array is not (K, 2) finite numbers, the pan's (K, 3), or
+            lengths differ.
     """
 
     name: str
@@ -60,7 +62,8 @@ class Track:
     def __post_init__(self) -> None:
         text(self.name, "track name")
         for field in ("object_position", "object_velocity", "pan_position"):
-            array = table(getattr(self, field), f"track {self.name!r}: {field}")
+            width = 3 if field == "pan_position" else 2
+            array = table(getattr(self, field), f"track {self.name!r}: {field}", width)
             if len(array) != len(self.object_position):
                 rows = len(self.object_position)
                 raise InputError(f"track {self.name!r}: {field} has {len(array)} rows, object_position has {rows}")
@@ -165,7 +168,7 @@ def _document(plan: Plan, tracks: Sequence[Track]) -> dict[str, Any]:
 
 
 def _track_document(plan: Plan, track: Track, drawn: NDArray[np.intp]) -> dict[str, Any]:
-    error = _lengths(track.object_position - plan.command_position)
+    error = lengths(track.object_position - plan.command_position)
     return {
         "name": track.name,
         "pan": {"position": _rounded(track.pan_position[drawn])},
@@ -176,7 +179,7 @@ def _track_document(plan: Plan, track: Track, drawn: NDArray[np.intp]) -> dict[s
         "tracking_rmse": float(np.sqrt(np.mean(error * error))),
         "tracking_max": float(error.max()),
         "end_distance": float(error[-1]),
-        "pan_deviation_max": float(_lengths(track.pan_position - plan.pan_position).max()),
+        "pan_deviation_max": float(lengths(track.pan_position - plan.pan_position).max()),
     }
 
 
@@ -189,9 +192,3 @@ def _drawn_samples(samples: int) -> NDArray[np.intp]:
 def _rounded(values: NDArray[np.floating[Any]]) -> Any:
     """Return nested lists with DECIMALS decimals, without negative zeros."""
     return (np.round(values, DECIMALS) + 0.0).tolist()
-
-
-def _lengths(vectors: FloatArray) -> FloatArray:
-    """Return the Euclidean lengths (n,) of (n, 2) vectors."""
-    lengths: FloatArray = np.hypot(vectors[:, 0], vectors[:, 1])
-    return lengths

@@ -9,11 +9,10 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import Limits
-from runtime.physics.law import GRAVITY
 from runtime.physics.motion import Motion
 from runtime.physics.positions import slide_to_rest
 from runtime.safety.pan import Pan
-from runtime.safety.stop import GENTLE, Brake, PanState, find_brake, stop_reach, strongest
+from runtime.safety.stop import Brake, PanState, find_brake, gentle_strength, stop_extent, strongest
 
 STRONGER = 1.4
 """Times that each stop tried is stronger than the one before, at most."""
@@ -35,7 +34,7 @@ ORDINARY = Limits()
 def stop_after(motion: Motion, samples: int, ahead: Pan, mark: FloatArray, friction: Friction) -> FloatArray:
     """Return the stop that follows the first samples of a motion.
 
-    It keeps the limits, and begins at once; where the pan could not stop in its reach then, it follows the motion until
+    It keeps the limits, and begins at once; where the pan could not stop within them then, it follows the motion until
     it can, at the latest by the stop that the governor kept for the motion's end.
 
     Args:
@@ -46,7 +45,7 @@ def stop_after(motion: Motion, samples: int, ahead: Pan, mark: FloatArray, frict
         friction: what the object is predicted with.
 
     Returns:
-        (n, 2) pan accelerations (m/s^2), n at least 1; the last is zero, and the pan is at rest after it.
+        (n, 3) pan accelerations (m/s^2), n at least 1; the last is zero, and the pan is at rest after it.
     """
     u = motion.acceleration
     for k in range(samples, len(u) + 1):
@@ -60,7 +59,7 @@ def stop_after(motion: Motion, samples: int, ahead: Pan, mark: FloatArray, frict
 def kindest_stop(
     state: PanState, sliding: FloatArray, mark: FloatArray, limits: Limits, friction: Friction
 ) -> Brake | None:
-    """Return the stop in reach that by the law leaves the object nearest to its mark; None if none is in reach.
+    """Return the stop within the limits that by the law leaves the object nearest to its mark; None if there is none.
 
     Of several strengths the gentlest comes first: one that holds back an object that slides, one that does not break
     away an object that rests, and on to the strongest. A stronger one must gain more than KEPT.
@@ -72,12 +71,12 @@ def kindest_stop(
         limits: where there are none, the pan is stopped as by ORDINARY ones, anywhere.
         friction: coefficients.
     """
-    limits, reach = (limits, limits.pan_reach) if limits.finite else (ORDINARY, math.inf)
+    limits, anywhere = (limits, False) if limits.finite else (ORDINARY, True)
     best, least = None, math.inf
     good = math.dist(sliding[:2], mark) + KEPT
     for strength in _strengths(state, limits, friction):
         brake = find_brake(state, limits, strength)
-        if stop_reach(state, brake) > reach:
+        if not (anywhere or stop_extent(state, brake).within(limits)):
             continue
         left = math.dist(slide_to_rest(sliding, brake.accelerations(brake.samples), friction), mark)
         if left <= good:
@@ -90,8 +89,8 @@ def kindest_stop(
 def _strengths(state: PanState, limits: Limits, friction: Friction) -> list[float]:
     """Return braking accelerations (m/s^2) from the gentlest to the strongest."""
     most = strongest(state, limits)
-    least = min(most, math.hypot(state.vx, state.vy) / LONGEST_STOP)
-    holding, carrying = (GENTLE * coefficient * GRAVITY for coefficient in (friction.kinetic, friction.static))
+    least = min(most, math.hypot(*state[3:6]) / LONGEST_STOP)
+    holding, carrying = (gentle_strength(coefficient, limits) for coefficient in (friction.kinetic, friction.static))
     first = min(max(carrying, least), most)
     last = min(most, first * MOST_STRONGER)
     more = np.geomspace(first, last, 1 + math.ceil(math.log(last / first) / math.log(STRONGER))).tolist()

@@ -27,7 +27,7 @@ PROBLEM = {
 PLAN = {
     "type": "object",
     "required": ["format", "dt", "model", "friction", "command", "pan", "object", "quality"],
-    "properties": {"format": {"const": "slide-plan/1"}},
+    "properties": {"format": {"const": "slide-plan/2"}},
 }
 
 

@@ -57,7 +57,7 @@ REFUSALS = problems(400, 401, 406, 408, 413, 415, 422, 429, 500, 503, 504)
     },
 )
 async def plan(request: Request) -> Response:
-    """Plan the pan's motion for one command: a `slide-plan/1` document, or as npz."""
+    """Plan the pan's motion for one command: a `slide-plan/2` document, or as npz."""
     service: Service = request.app.state.service
     npz = accepted(request, (JSON, NPZ)) == NPZ
     client: str = request.scope[CLIENT]

@@ -33,7 +33,7 @@ def assert_same(one: Any, other: Any) -> None:
 @pytest.mark.parametrize("way", COPIES)
 @pytest.mark.parametrize(
     "value",
-    [Friction(0.7, 0.4), Limits(0.1, 20.0, 5_000.0), Start((0.01, 0.0)), Sizes()],
+    [Friction(0.7, 0.4), Limits(0.1, acceleration=20.0, jerk=5_000.0), Start((0.01, 0.0)), Sizes()],
     ids=lambda value: type(value).__name__,
 )
 def test_parameters_are_copied(value: Any, way: str) -> None:

@@ -17,7 +17,7 @@ from runtime import FormatError, Friction, OutputError, Plan, Quality, Sizes, St
 from runtime.limits import UNITS
 from runtime.physics.law import GRAVITY, slide_one
 from runtime.physics.pan import integrate_pan
-from runtime.plan import PLAN_FORMAT
+from runtime.plan import LEVEL_FORMAT, PLAN_FORMAT
 from runtime.quality import Changes, FrictionRange, OffPan
 
 ARRAYS = (
@@ -38,11 +38,16 @@ off_pans = st.builds(OffPan, st.integers(0, 10**6), finite)
 sizes = st.builds(Sizes, st.floats(0.1, 10.0), st.floats(0.0, 0.09))
 
 
+def width(name: str) -> int:
+    """Return how many numbers a row has: the pan moves in space, the object on the pan."""
+    return 3 if name.startswith("pan_") else 2
+
+
 @st.composite
 def plans(draw: st.DrawFn) -> Plan:
-    shape = (draw(st.integers(1, 8)), 2)
+    rows = draw(st.integers(1, 8))
     kinetic, static = sorted(draw(st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 10.0))))
-    figures = {field.name: draw(finite) for field in dataclasses.fields(Quality)[:6]}
+    figures = {field.name: draw(finite) for field in dataclasses.fields(Quality)[:8]}
     quality = Quality(
         **figures,
         limits=draw(optional_limits),
@@ -64,8 +69,8 @@ def plans(draw: st.DrawFn) -> Plan:
         friction=Friction(static, kinetic),
         quality=quality,
         sizes=draw(sizes),
-        stop_acceleration=draw(npst.arrays(np.float64, (draw(st.integers(0, 4)), 2), elements=finite)),
-        **{name: draw(npst.arrays(np.float64, shape, elements=finite)) for name in ARRAYS[:-1]},
+        stop_acceleration=draw(npst.arrays(np.float64, (draw(st.integers(0, 4)), 3), elements=finite)),
+        **{name: draw(npst.arrays(np.float64, (rows, width(name)), elements=finite)) for name in ARRAYS[:-1]},
     )
 
 
@@ -89,7 +94,7 @@ def test_plan_comes_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, p
 def test_document_is_laid_out_as_promised(plan: Plan, tmp_path: Path) -> None:
     plan.save(tmp_path / "plan.json")
     document = json.loads((tmp_path / "plan.json").read_text())
-    assert document["format"] == "slide-plan/1" == PLAN_FORMAT
+    assert document["format"] == "slide-plan/2" == PLAN_FORMAT
     assert {name: sorted(part) for name, part in document.items() if isinstance(part, dict)} == {
         "model": ["name", "sha256"],
         "friction": ["kinetic", "static"],
@@ -115,7 +120,7 @@ def test_replay_from_a_file_is_the_prediction_bit_for_bit(plan: Plan, tmp_path: 
 def test_replay_under_another_friction_follows_the_law(plan: Plan) -> None:
     stuck = plan.replay(Friction(10.0, 0.5))
     np.testing.assert_array_equal(stuck, np.tile([*plan.object_position[0], 0.0, 0.0], (len(plan), 1)))
-    steady = dataclasses.replace(plan, pan_acceleration=np.tile([2.0, 1.0], (len(plan), 1)))
+    steady = dataclasses.replace(plan, pan_acceleration=np.tile([2.0, 1.0, 0.0], (len(plan), 1)))
     t = np.arange(len(plan))[:, None] * plan.dt
     smooth = steady.replay(Friction(0.0, 0.0))  # nothing pulls the object along: it stays behind in the world
     np.testing.assert_allclose(smooth[:, :2], plan.object_position[0] - 0.5 * np.array([2.0, 1.0]) * t**2, atol=1e-12)
@@ -134,7 +139,7 @@ def test_plan_with_its_stop_is_one_motion(plan: Plan) -> None:
     whole = integrate_pan(motion.pan[0], motion.acceleration)
     np.testing.assert_allclose(motion.pan[1:], whole, atol=1e-12)
     np.testing.assert_array_equal(motion.sliding[1:], slide_one(motion.sliding[0], motion.acceleration, plan.friction))
-    np.testing.assert_allclose(motion.pan[-1, 2:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(motion.pan[-1, 3:], 0.0, atol=1e-12)
 
 
 def test_plan_with_its_stop_under_another_friction_is_the_replay_and_what_follows(plan: Plan) -> None:
@@ -161,9 +166,9 @@ def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        ("format", "slide-plan/2", "format must be 'slide-plan/1', got 'slide-plan/2'"),
-        ("format", ..., "format must be 'slide-plan/1', got None"),
-        ("format", ["slide-plan/1"], "format must be"),
+        ("format", "slide-plan/3", "format must be 'slide-plan/2', got 'slide-plan/3'"),
+        ("format", ..., "format must be 'slide-plan/2', got None"),
+        ("format", ["slide-plan/2"], "format must be"),
         ("dt", ..., "missing key 'dt'"),
         ("dt", 0.0, "dt must be greater than 0 s"),
         ("dt", None, "dt must be a number"),
@@ -179,14 +184,14 @@ def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("command.position", ..., "command: missing key 'position'"),
         ("command.position", [], "command.position must have at least one row"),
         ("pan.acceleration", ..., "pan: missing key 'acceleration'"),
-        ("pan.acceleration", [[0.0, 0.0]], "pan.acceleration has 1 rows, command.position has 250"),
-        ("pan.velocity", [[0.0]] * 250, r"pan.velocity\[0\] must be a pair"),
-        ("pan.position", [[0.0, "1"]] * 250, r"pan.position\[0\], column y must be a number"),
+        ("pan.acceleration", [[0.0, 0.0, 0.0]], "pan.acceleration has 1 rows, command.position has 250"),
+        ("pan.velocity", [[0.0]] * 250, r"pan.velocity\[0\] must be a triple"),
+        ("pan.position", [[0.0, "1", 0.0]] * 250, r"pan.position\[0\], column y must be a number"),
         ("object.velocity", 0.0, "object.velocity must be a list"),
         ("object.position", [[1e999, 0.0]] * 250, r"object.position\[0\], column x: inf is not a finite number"),
         ("object.speed", 0.0, "object: unknown key 'speed'"),
         ("stop.acceleration", ..., "stop: missing key 'acceleration'"),
-        ("stop.acceleration", [[0.0]], r"stop.acceleration\[0\] must be a pair"),
+        ("stop.acceleration", [[0.0]], r"stop.acceleration\[0\] must be a triple"),
         ("sizes.pan_radius", ..., "sizes: missing key 'pan_radius'"),
         ("sizes.pan_radius", -1.0, "pan_radius must be above 0 and at most 10 m, got -1 m"),
         ("sizes.object_radius", 0.2, "object_radius must be at least 0 m and less than the pan's, 0.18 m, got 0.2 m"),
@@ -202,6 +207,7 @@ def change(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("quality.notes", "fine", "quality.notes must be a list"),
         ("quality.notes", [1], r"quality.notes\[0\] must be printable text"),
         ("quality.limits.pan_reach", ..., "quality.limits: missing key 'pan_reach'"),
+        ("quality.limits.height", ..., "quality.limits: missing key 'height'"),
         ("quality.limits.force", 1.0, "quality.limits: unknown key 'force'"),
         ("quality.margins.acceleration", "none", "quality.margins.acceleration must be a number"),
     ],
@@ -229,7 +235,7 @@ def test_truncated_file_is_a_format_error(plan: Plan, tmp_path: Path, suffix: st
 
 
 def test_nan_in_json_is_a_format_error(plan: Plan, tmp_path: Path) -> None:
-    document = change(plan.to_dict(), "pan.velocity", [[float("nan"), 0.0]] * len(plan))
+    document = change(plan.to_dict(), "pan.velocity", [[float("nan"), 0.0, 0.0]] * len(plan))
     (tmp_path / "plan.json").write_text(json.dumps(document))
     with pytest.raises(FormatError, match="NaN is not a finite number"):
         Plan.load(tmp_path / "plan.json")
@@ -241,8 +247,8 @@ def test_wrong_npz_is_a_format_error(plan: Plan, tmp_path: Path) -> None:
     with np.load(path) as file:
         arrays = dict(file)
     for changes, message in [
-        ({"pan.velocity": np.full((250, 2), np.nan)}, r"pan.velocity\[0\], column x: nan"),
-        ({"pan.velocity": np.zeros((250, 3))}, r"pan.velocity must have the shape \(K, 2\)"),
+        ({"pan.velocity": np.full((250, 3), np.nan)}, r"pan.velocity\[0\], column x: nan"),
+        ({"pan.velocity": np.zeros((250, 2))}, r"pan.velocity must have the shape \(K, 3\)"),
         ({"dt": np.array(np.nan)}, "dt must be a number"),
         ({"friction.static": np.ones(2)}, "friction.static must be a number"),
         ({"format": np.array(1.0)}, "format must be"),
@@ -301,8 +307,51 @@ def test_save_into_what_cannot_hold_it_is_an_output_error(plan: Plan, tmp_path: 
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.json"]
 
 
-def test_plan_written_before_the_governor_the_rim_and_the_stop_is_still_read(plan: Plan) -> None:
-    document = plan.to_dict()
+LEVEL_PLAN = Path(__file__).parents[1] / "data" / "level_plan.json"
+"""Written by version 0.2.0, whose plans are in the plane."""
+
+
+def test_plan_in_the_plane_is_read_as_a_level_one() -> None:
+    written = json.loads(LEVEL_PLAN.read_text())
+    assert written["format"] == "slide-plan/1" == LEVEL_FORMAT
+    plan = Plan.load(LEVEL_PLAN)
+    for name in ("acceleration", "velocity", "position"):
+        rows = getattr(plan, f"pan_{name}")
+        np.testing.assert_array_equal(rows[:, :2], written["pan"][name])
+        assert not rows[:, 2].any()
+    np.testing.assert_array_equal(plan.stop_acceleration[:, :2], written["stop"]["acceleration"])
+    assert plan.stop_acceleration.shape == (len(written["stop"]["acceleration"]), 3)
+    quality = plan.quality
+    assert quality.limits == {"pan_reach": 0.2, "height": 0.0, "speed": None, "acceleration": 30.0, "jerk": 10_000.0}
+    assert (quality.height_max, quality.margins["height"], quality.margins["speed"]) == (0.0, 0.0, None)
+    assert quality.speed_max == np.hypot(*np.array(written["pan"]["velocity"]).T).max()
+    motion = plan.with_stop()
+    np.testing.assert_allclose(motion.pan[-1, 3:], 0.0, atol=1e-12)
+    np.testing.assert_array_equal(motion.sliding[: len(plan), :2], written["object"]["position"])
+    again = Plan.from_dict(plan.to_dict())
+    assert plan.to_dict()["format"] == PLAN_FORMAT
+    assert_same(plan, again)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("pan.acceleration", [[0.0, 0.0, 0.0]], r"pan.acceleration\[0\] must be a pair"),
+        ("stop.acceleration", [[0.0, 0.0, 0.0]], r"stop.acceleration\[0\] must be a pair"),
+        ("quality", "good", "quality: must be an object"),
+        ("quality.limits", "none", "quality.limits: must be an object"),
+        ("quality.limits.force", 1.0, "quality.limits: unknown key 'force'"),
+        ("format", "slide-plan/2", r"pan.velocity\[0\] must be a triple"),
+    ],
+)
+def test_bad_plan_in_the_plane_is_a_format_error_naming_the_key(path: str, value: Any, message: str) -> None:
+    document = json.loads(LEVEL_PLAN.read_text())
+    with pytest.raises(FormatError, match=f"^plan: {message}"):
+        Plan.from_dict(change(document, path, value))
+
+
+def test_plan_written_before_the_governor_the_rim_and_the_stop_is_still_read() -> None:
+    document = json.loads(LEVEL_PLAN.read_text())
     del document["sizes"], document["stop"]
     quality = document["quality"]
     for name in (
@@ -319,8 +368,8 @@ def test_plan_written_before_the_governor_the_rim_and_the_stop_is_still_read(pla
         quality[name] = {"pan_reach": 0.2, "acceleration": None}
     quality["status"] = "limit_exceeded"
     assert Plan.from_dict(document).sizes == Sizes(0.18, 0.03)
-    assert Plan.from_dict(document).stop_acceleration.shape == (0, 2)
+    assert Plan.from_dict(document).stop_acceleration.shape == (0, 3)
     old = Plan.from_dict(document).quality
-    assert old.limits == {"pan_reach": 0.2, "acceleration": None, "jerk": None}
+    assert old.limits == {"pan_reach": 0.2, "height": 0.0, "speed": None, "acceleration": None, "jerk": None}
     assert (old.governed, old.friction, old.worst) == (None, None, dict.fromkeys(UNITS))
     assert old.status is Status.LIMIT_EXCEEDED

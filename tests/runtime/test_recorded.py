@@ -39,8 +39,21 @@ def planned(planner: Planner) -> dict[str, np.ndarray]:
     }
     batch = planner.plan_batch([loop(800 + 100 * n, 0.8, 0.02 + 0.01 * n) for n in range(5)])
     plans |= {f"batch{n}": plan for n, plan in enumerate(batch)}
-    rows = ("pan_acceleration", "pan_position", "pan_velocity", "object_position", "object_velocity")
-    return {name: np.concatenate([getattr(plan, row) for row in rows], axis=1) for name, plan in plans.items()}
+    pan, sliding = ("pan_acceleration", "pan_position", "pan_velocity"), ("object_position", "object_velocity")
+    return {
+        name: np.concatenate(
+            [*(in_plane(getattr(plan, row)) for row in pan), *(getattr(plan, row) for row in sliding)], axis=1
+        )
+        for name, plan in plans.items()
+    }
+
+
+def in_plane(rows: np.ndarray) -> np.ndarray:
+    """Return x and y of a level pan's rows (n, 3), whose z is exactly 0."""
+    assert rows.shape[1] == 3
+    assert not rows[:, 2].any()
+    assert not np.signbit(rows[:, 2]).any()
+    return rows[:, :2]
 
 
 def streamed(planner: Planner) -> dict[str, np.ndarray]:
@@ -61,10 +74,10 @@ def streamed(planner: Planner) -> dict[str, np.ndarray]:
         if n == 18:
             stream.reset(Start((0.02, 0.01), (0.1, 0.0)))
         u = stream.step(pan_seen, object_seen, age=0.007 if n == 5 else 0.0)
-        given += [u, stream.brake(60)]
+        given += [in_plane(u), in_plane(stream.brake(60))]
         end = np.repeat(pan[-1:], chunk, axis=0)
         time = np.arange(1, chunk + 1)[:, None] * 1e-3
-        end[:, 2:] += np.cumsum(u, axis=0) * 1e-3
+        end[:, 2:] += np.cumsum(u[:, :2], axis=0) * 1e-3
         end[:, :2] += time * pan[-1, 2:]
         pan, sliding = end, 0.5 * sliding + rng.normal(0.0, 0.01, 4)
     return {"stream": np.concatenate(given)}

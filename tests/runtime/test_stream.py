@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 from runtime import ConcurrentUseError, Friction, InputError, Limits, Planner, Start, Stream, StreamStatus
 from runtime.limits import NO_LIMITS
 from runtime.physics.law import DT, slide_one
-from runtime.physics.pan import integrate_pan
+from runtime.physics.motion import lengths
+from runtime.physics.pan import IN_PLANE, integrate_pan
 
 from .conftest import WatchedBundle
 
 Array = NDArray[np.float64]
 Curve = Callable[..., Array]
 
-LIMITS = Limits(0.05, 20.0, 5000.0)
+LIMITS = Limits(0.05, acceleration=20.0, jerk=5000.0)
 TOLERANCE = 1e-9
 CHUNK = 100
 HAPPENINGS = ("seen", "noisy", "none", "nan", "late", "huge")
@@ -34,8 +35,8 @@ class Plant:
     """Pan and object under the law: what a controller would measure if nothing disturbed them.
 
     Attributes:
-        pan, sliding: (n, 4) every state so far, the start C times before them.
-        u: (n, 2) the acceleration that led to each.
+        pan, sliding: (n, 6) and (n, 4) every state so far, the start C times before them.
+        u: (n, 3) the acceleration that led to each.
     """
 
     def __init__(self, start: Start, mark: Array, friction: Friction | None = None) -> None:
@@ -55,9 +56,11 @@ class Plant:
         self.u = np.concatenate([self.u, u])
 
     def check(self, limits: Limits) -> None:
-        assert np.hypot(*self.u.T).max() <= limits.acceleration + TOLERANCE
-        assert np.hypot(*np.diff(self.u, axis=0).T).max() <= limits.jerk * DT + TOLERANCE
-        assert np.hypot(*self.pan[:, :2].T).max() <= limits.pan_reach + TOLERANCE
+        assert lengths(self.u).max() <= limits.acceleration + TOLERANCE
+        assert lengths(np.diff(self.u, axis=0)).max() <= limits.jerk * DT + TOLERANCE
+        assert lengths(self.pan[:, :2]).max() <= limits.pan_reach + TOLERANCE
+        assert lengths(self.pan[:, 3:]).max() <= limits.speed + TOLERANCE
+        assert np.abs(self.pan[:, 2]).max() <= limits.height
 
 
 @pytest.fixture
@@ -137,7 +140,7 @@ def test_what_is_missing_is_predicted_for_a_chunk_and_then_braked_until_reset(
     for _ in range(3):
         plant.move(step())
         assert stream.status is StreamStatus.BRAKING
-    np.testing.assert_allclose(plant.pan[-1, 2:], 0.0, atol=TOLERANCE)
+    np.testing.assert_allclose(plant.pan[-1, 3:], 0.0, atol=TOLERANCE)
     plant.move(stream.step(*plant.seen()))  # what is measured does not wake it
     assert stream.status is StreamStatus.BRAKING
     assert not plant.u[-CHUNK:].any()
@@ -169,7 +172,7 @@ def test_network_that_fails_is_braked_and_raises_nothing(
     for _ in range(2):
         plant.move(stream.step(*plant.seen()))
         assert stream.status is StreamStatus.BRAKING
-    np.testing.assert_allclose(plant.pan[-1, 2:], 0.0, atol=TOLERANCE)
+    np.testing.assert_allclose(plant.pan[-1, 3:], 0.0, atol=TOLERANCE)
     plant.check(LIMITS)
 
 
@@ -178,11 +181,11 @@ def test_pushed_pan_goes_no_farther_than_its_stop_needs_and_keeps_acceleration_a
 ) -> None:
     for _ in range(3):
         plant.move(stream.step(*plant.seen()))
-    plant.pan[-1] = [0.06, 0.0, 0.3, 0.0]
+    plant.pan[-1] = [0.06, 0.0, 0.0, 0.3, 0.0, 0.0]
     for n in range(6):
         plant.move(stream.step(*plant.seen()))
         assert (stream.status is StreamStatus.OUTSIDE) or n > 0
-    plant.check(Limits(0.06 + 0.3**2 / 20.0 + 0.3 * 0.01, LIMITS.acceleration, LIMITS.jerk))
+    plant.check(Limits(0.06 + 0.3**2 / 20.0 + 0.3 * 0.01, acceleration=LIMITS.acceleration, jerk=LIMITS.jerk))
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
@@ -192,21 +195,21 @@ def test_limits_hold_whatever_is_measured(
 ) -> None:
     position = make_curve(600)
     stream = planner.stream(position, limits=LIMITS)
-    before, plant = np.zeros((1, 2)), Plant(Start(), position[0])
+    before, plant = np.zeros((1, 3)), Plant(Start(), position[0])
     for kind, seed in happenings:
         noise = np.random.default_rng(seed).standard_normal((2, CHUNK, 4)) * [0.001, 0.001, 0.01, 0.01]
         pan, sliding = plant.seen()
         states: dict[str, tuple[Any, ...]] = {
             "seen": (pan, sliding),
-            "noisy": (pan + noise[0], sliding + noise[1]),
+            "noisy": (pan[:, IN_PLANE] + noise[0], sliding + noise[1]),
             "none": (),
             "nan": (pan, sliding * np.nan),
             "late": (pan, sliding, 0.03),
-            "huge": (pan * 1e6 + noise[0] * 1e9, sliding + noise[1] * 1e9),
+            "huge": (pan[:, IN_PLANE] * 1e6 + noise[0] * 1e9, sliding + noise[1] * 1e9),
         }
         u = stream.step(*states[kind])
-        assert np.hypot(*u.T).max() <= LIMITS.acceleration + TOLERANCE
-        assert np.hypot(*np.diff(np.concatenate([before, u]), axis=0).T).max() <= LIMITS.jerk * DT + TOLERANCE
+        assert lengths(u).max() <= LIMITS.acceleration + TOLERANCE
+        assert lengths(np.diff(np.concatenate([before, u]), axis=0)).max() <= LIMITS.jerk * DT + TOLERANCE
         before = u[-1:]
         plant.move(u)
 
@@ -248,7 +251,7 @@ def test_retarget_follows_another_command_from_where_things_are(
         other,
         limits=LIMITS,
         start=Start(
-            tuple(pan[-1, :2]), tuple(pan[-1, 2:]), tuple(plant.u[-1]), tuple(sliding[-1, :2]), tuple(sliding[-1, 2:])
+            tuple(pan[-1, :3]), tuple(pan[-1, 3:]), tuple(plant.u[-1]), tuple(sliding[-1, :2]), tuple(sliding[-1, 2:])
         ),
     )
     for _ in range(3):
@@ -282,7 +285,8 @@ def run(stream: Stream, plant: Plant, chunks: int, noise: float = 0.0) -> list[S
         spread = noise * np.array([1.0, 1.0, 10.0, 10.0])
         plant.move(
             stream.step(
-                pan + rng.normal(0.0, 1.0, pan.shape) * spread, sliding + rng.normal(0.0, 1.0, pan.shape) * spread
+                pan[:, IN_PLANE] + rng.normal(0.0, 1.0, sliding.shape) * spread,
+                sliding + rng.normal(0.0, 1.0, sliding.shape) * spread,
             )
         )
         statuses.append(stream.status)
@@ -313,7 +317,7 @@ def test_past_the_end_the_pan_rests_within_a_second_and_nothing_is_commanded_any
     rest = plant.u[CHUNK + len(position) + 1000 :]
     assert len(rest) > 58_000
     assert not rest.any()
-    np.testing.assert_allclose(plant.pan[-1, 2:], 0.0, atol=TOLERANCE)
+    np.testing.assert_allclose(plant.pan[-1, 3:], 0.0, atol=TOLERANCE)
     assert set(statuses[chunks + 10 :]) == {StreamStatus.RESTING}
 
 
@@ -381,7 +385,7 @@ def test_stream_at_rest_takes_another_command_and_another_start(shipped: Planner
     stream.reset(Start((0.02, 0.0), (0.3, 0.0)))
     u = stream.step()
     assert stream.status is StreamStatus.RESTING  # there is nothing left of the command: it comes to rest from there
-    np.testing.assert_allclose(integrate_pan(np.array([0.02, 0.0, 0.3, 0.0]), u)[-1, 2:], 0.0, atol=TOLERANCE)
+    np.testing.assert_allclose(integrate_pan(np.array([0.02, 0.0, 0.0, 0.3, 0.0, 0.0]), u)[-1, 3:], 0.0, atol=TOLERANCE)
 
 
 def test_second_thread_is_refused(stream: Stream) -> None:
@@ -413,7 +417,10 @@ def test_second_thread_is_refused(stream: Stream) -> None:
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        (np.zeros((99, 4)), r"\(100, 4\) numbers, the last states, or \(4,\), .* got float64 of the shape \(99, 4\)"),
+        (
+            np.zeros((99, 4)),
+            r"\(100, 4\).* numbers, the last states, or \(4,\).*, .* got float64 of the shape \(99, 4\)",
+        ),
         (np.zeros(3), r"got float64 of the shape \(3,\)"),
         (np.full((100, 4), "a"), "got <U1"),
         ([[0.0], [0.0, 0.0]], "inhomogeneous"),
@@ -445,6 +452,12 @@ def test_stream_without_limits_is_refused(planner: Planner) -> None:
         (Start(pan_position=(0.19, 0.0), pan_velocity=(1.0, 0.0)), "0.19 m from its centre at 1 m/s, cannot be sure"),
         (Start(pan_velocity=(0.0, 900.0)), r"too fast to stop .* at 900 m/s it needs 1.35e\+04 m within 30 m/s\^2"),
         (Start(pan_acceleration=(0.0, 31.0)), r"pan acceleration 31 m/s\^2 exceeds the limit, 30 m/s\^2"),
+        (
+            Start(pan_position=(0.0, 0.0, 0.1)),
+            "the pan is level, its height is 0 m, and it would begin at z 0.1 m, 0 m/s",
+        ),
+        (Start(pan_velocity=(0.0, 0.0, 0.1)), "the pan is level, .* at z 0 m, 0.1 m/s"),
+        (Start(pan_acceleration=(0.0, 0.0, 0.1)), r"the pan is level, .* 0 m/s, 0.1 m/s\^2"),
     ],
 )
 def test_start_that_cannot_keep_the_limits_is_refused_with_the_numbers(
@@ -460,6 +473,8 @@ def test_start_must_be_finite_pairs() -> None:
         Start(pan_velocity=(0.0, float("nan")))
     with pytest.raises(InputError, match=r"start object_velocity must be between -1000 and 1000, got \[1e\+200, 0\]"):
         Start(object_velocity=(1e200, 0.0))
+    with pytest.raises(InputError, match="start pan_position must be a pair or a triple of numbers"):
+        Start(pan_position=(0.0,))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="start object_position must be a pair"):
         Start(object_position=(0.0, 0.0, 0.0))  # type: ignore[arg-type]
 
@@ -471,7 +486,7 @@ def test_plan_begins_where_it_is_told(planner: Planner, make_curve: Curve) -> No
     np.testing.assert_array_equal(plan.pan_velocity[0], start.pan_velocity)
     np.testing.assert_array_equal(plan.object_position[0], start.object_position)
     np.testing.assert_array_equal(plan.object_velocity[0], start.object_velocity)
-    assert np.hypot(*(plan.pan_acceleration[0] - start.pan_acceleration)) <= LIMITS.jerk * DT + TOLERANCE
+    assert np.linalg.norm(plan.pan_acceleration[0] - start.pan_acceleration) <= LIMITS.jerk * DT + TOLERANCE
     np.testing.assert_array_equal(plan.replay()[:, :2], plan.object_position)
     assert min(value for value in plan.quality.margins.values() if value is not None) > -TOLERANCE
     batch = planner.plan_batch([make_curve(300), make_curve(300)], limits=LIMITS, start=[start, Start()])

@@ -12,6 +12,8 @@ import torch
 from runtime import Friction, Plan, Planner
 from runtime.arm.run import Follower
 from runtime.network.manifest import Manifest
+from runtime.physics.motion import in_space
+from runtime.physics.pan import IN_PLANE
 from train.batches.batches import Batch, make_batch
 from train.commands.families import FAMILIES, FloatArray, free_commands
 from train.config import TrainConfig
@@ -135,12 +137,11 @@ class NetworkStream:
 
     def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
         """Give the next chunk's accelerations; see `Follower`."""
-        seen = torch.from_numpy(np.concatenate([pan_state, object_state], axis=1))[None]
+        seen = torch.from_numpy(np.concatenate([pan_state[:, IN_PLANE], object_state], axis=1))[None]
         with torch.no_grad():
             output, self._state = self._decoder.step(self._iteration, seen, self._state)
         self._iteration += 1
-        u: FloatArray = output.acceleration[0].double().numpy()
-        return u
+        return in_space(output.acceleration[0].double().numpy())
 
 
 def commands_of(family: str, count: int = COMMANDS, seed: int = SEED) -> FloatArray:

@@ -165,15 +165,15 @@ def test_noise_is_the_cameras_alone_and_repeats_with_its_seed(settings: Simulate
 
 
 def test_a_push_and_a_step_in_friction_move_the_object(settings: Simulated) -> None:
-    still = np.zeros((400, 2))
-    base = replace(motions()[0], **dict.fromkeys(PLAN_ARRAYS, still))
+    still = {name: np.zeros((400, 3 if name.startswith("pan_") else 2)) for name in PLAN_ARRAYS}
+    base = replace(motions()[0], **still)
     arm = SimulatedArm(settings)
     pushed = execute(base, arm, open_loop(base), [Event.parse("push@0.1=0,2").hook(arm.engine)])
     assert np.abs(pushed.sliding[99, :2]).max() < 1e-4
     # 2 N against 0.49 N of friction on 0.1 kg for 50 ms, then friction alone.
     speed = (2.0 - 0.49) / 0.1 * 0.05
     assert pushed.sliding[-1, 1] == pytest.approx(0.5 * speed * 0.05 + speed**2 / (2 * 4.9), rel=0.1)
-    gentle = replace(base, pan_acceleration=np.full((400, 2), (0.0, 3.0)))
+    gentle = replace(base, pan_acceleration=np.full((400, 3), (0.0, 3.0, 0.0)))
     slippery = execute(gentle, SimulatedArm(settings), open_loop(gentle))
     assert np.abs(slippery.sliding[:400, 1]).max() < 1e-3, "3 m/s^2 do not move it at friction 0.5"
     for _ in range(2):  # the step is undone by the next start
@@ -184,9 +184,11 @@ def test_a_push_and_a_step_in_friction_move_the_object(settings: Simulated) -> N
 
 def test_an_unreachable_plan_is_executed_within_the_limits_and_said(settings: Simulated) -> None:
     plan = stick_slip_plan(0)
-    u = np.tile([8.0, 0.0], (len(plan), 1))
+    u = np.tile([8.0, 0.0, 0.0], (len(plan), 1))
     away = replace(
-        plan, pan_acceleration=u, pan_position=np.concatenate([[(0, 0)], integrate_pan(np.zeros(4), u)[:-1, :2]])
+        plan,
+        pan_acceleration=u,
+        pan_position=np.concatenate([np.zeros((1, 3)), integrate_pan(np.zeros(6), u)[:-1, :3]]),
     )
     results = run_plan(away, settings)
     assert max(results.torque_peaks) <= 200.0

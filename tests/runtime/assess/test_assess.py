@@ -15,7 +15,7 @@ from runtime.physics.motion import Motion
 from runtime.quality import Changes, FrictionRange, OffPan
 
 Array = NDArray[np.float64]
-STOP, STILL = np.zeros((1, 2)), np.zeros((400, 2))
+STOP, STILL = np.zeros((1, 3)), np.zeros((400, 3))
 WORLD = np.array([0.65, 0.0])
 """Where a pan may be in a robot's world (m)."""
 
@@ -23,12 +23,12 @@ WORLD = np.array([0.65, 0.0])
 def judge(
     limits: Limits | None = None,
     asked: Array | None = None,
-    before: tuple[float, float] = (0.0, 0.0),
+    before: tuple[float, float, float] = (0.0, 0.0, 0.0),
     **more: Any,
 ) -> Quality:
     """Assess three samples whose figures are easy to tell."""
-    u = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 2.0]])
-    pan, sliding = np.zeros((4, 4)), np.zeros((4, 4))
+    u = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0], [3.0, 2.0, 0.0]])
+    pan, sliding = np.zeros((4, 6)), np.zeros((4, 4))
     pan[:3, :2] = [[0.0, 0.0], [0.06, 0.08], [0.0, -0.02]]
     command = np.array([[0.0, 0.0], [0.02, 0.0], [0.04, 0.0]])
     sliding[:3, :2] = command + np.array([[0.0, 0.0], [0.003, 0.004], [0.0, 0.001]])
@@ -45,10 +45,10 @@ def follow(command: Array, error: float, sizes: Sizes | None = None, **more: Any
     sliding[:-1, :2] = command
     sliding[1:-1, 0] += error
     sliding[-1, :2] = command[-1]
-    u = np.zeros((samples, 2))
-    motion = Motion(u, u, np.zeros((samples + 1, 4)), sliding)
+    u = np.zeros((samples, 3))
+    motion = Motion(u, u, np.zeros((samples + 1, 6)), sliding)
     arguments: dict[str, Any] = {"friction": Friction(), "limits": Limits()} | more
-    return assess(motion, STOP, command, sizes=sizes or Sizes(), acceleration_before=np.zeros(2), **arguments)
+    return assess(motion, STOP, command, sizes=sizes or Sizes(), acceleration_before=np.zeros(3), **arguments)
 
 
 def stroke(length: float, samples: int = 400) -> Array:
@@ -64,13 +64,19 @@ def test_quality_figures() -> None:
     assert quality.acceleration_max == pytest.approx(5.0)
     assert quality.jerk_max == pytest.approx(5000.0)
     assert quality.sliding_share == pytest.approx(1 / 3)
-    assert quality.margins == {"pan_reach": pytest.approx(0.1), "acceleration": 25.0, "jerk": 5000.0}
-    assert quality.worst == {"pan_reach": 1, "acceleration": 1, "jerk": 1}
+    assert quality.margins == {
+        "pan_reach": pytest.approx(0.1),
+        "height": 0.0,
+        "speed": None,
+        "acceleration": 25.0,
+        "jerk": 5000.0,
+    }
+    assert quality.worst == {"pan_reach": 1, "height": 0, "speed": 0, "acceleration": 1, "jerk": 1}
     assert (quality.status, quality.notes, quality.governed) == (Status.OK, (), Changes(0, 0.0, 0.0))
 
 
 def test_jerk_counts_from_the_sample_before_the_first() -> None:
-    quality = judge(before=(-6.0, 0.0))
+    quality = judge(before=(-6.0, 0.0, 0.0))
     assert quality.jerk_max == pytest.approx(6000.0)
     assert quality.worst["jerk"] == 0
 
@@ -82,9 +88,15 @@ def test_without_limits_there_is_no_margin_and_nothing_to_pass() -> None:
 
 
 def test_passed_limit_is_the_status_and_the_first_note() -> None:
-    quality = judge(limits=Limits(0.08, 4.0, 4000.0), beyond=["reach"], remarks=["read"])
+    quality = judge(limits=Limits(0.08, acceleration=4.0, jerk=4000.0), beyond=["reach"], remarks=["read"])
     assert quality.status is Status.LIMIT_EXCEEDED
-    assert quality.margins == pytest.approx({"pan_reach": -0.02, "acceleration": -1.0, "jerk": -1000.0})
+    assert quality.margins == {
+        "pan_reach": pytest.approx(-0.02),
+        "height": 0.0,
+        "speed": None,
+        "acceleration": pytest.approx(-1.0),
+        "jerk": pytest.approx(-1000.0),
+    }
     assert quality.notes == (
         "pan reach 0.1 m exceeds the limit of 0.08 m",
         "acceleration 5 m/s^2 exceeds the limit of 4 m/s^2",
@@ -100,8 +112,8 @@ def test_rounding_at_the_bound_is_no_passed_limit() -> None:
 
 
 def test_what_the_governor_changed_is_counted_whatever_the_limit() -> None:
-    asked = np.array([[0.0, 0.0], [3.0, 4.0 + 9e-4], [3.0, 2.01]])
-    for limits in (Limits(), Limits(0.2, 1e9, 1e9)):
+    asked = np.array([[0.0, 0.0, 0.0], [3.0, 4.0 + 9e-4, 0.0], [3.0, 2.01, 0.0]])
+    for limits in (Limits(), Limits(0.2, acceleration=1e9, jerk=1e9)):
         quality = judge(limits, asked)
         assert quality.governed == Changes(1, pytest.approx(0.01), pytest.approx(0.01))
         assert quality.notes == ("the governor changed 1 sample (33.3%), by 0.01 m/s^2 on average, 0.01 at most",)
@@ -110,18 +122,18 @@ def test_what_the_governor_changed_is_counted_whatever_the_limit() -> None:
 def test_a_plan_is_governed_up_to_the_share_and_limited_beyond() -> None:
     command, few = stroke(0.1), round(FEW * 400)
     for changed, status in ((0, Status.OK), (few, Status.GOVERNED), (few + 1, Status.LIMITED)):
-        asked = np.zeros((400, 2))
-        asked[:changed] = 1.0
-        states = np.zeros((401, 4))
+        asked = np.zeros((400, 3))
+        asked[:changed, 0] = 1.0
+        states = np.zeros((401, 6))
         sliding = np.concatenate([np.concatenate([command, command[-1:]]), np.zeros((401, 2))], axis=1)
         quality = assess(
-            Motion(np.zeros((400, 2)), asked, states, sliding),
+            Motion(STILL, asked, states, sliding),
             STOP,
             command,
             Friction(),
             Limits(),
             Sizes(),
-            np.zeros(2),
+            np.zeros(3),
         )
         assert quality.status is status
 
@@ -129,7 +141,7 @@ def test_a_plan_is_governed_up_to_the_share_and_limited_beyond() -> None:
 def test_remarks_lead_to_no_status_and_what_is_beyond_the_training_does() -> None:
     assert (judge(remarks=["read"]).status, judge(remarks=["read"]).notes) == (Status.OK, ("read",))
     assert judge(beyond=["fast"], remarks=["read"]).notes == ("fast", "read")
-    assert judge(beyond=["fast"], asked=np.full((3, 2), 9.0)).status is Status.BEYOND_TRAINING_RANGE
+    assert judge(beyond=["fast"], asked=np.full((3, 3), 9.0)).status is Status.BEYOND_TRAINING_RANGE
 
 
 def test_poor_is_worse_than_half_of_what_a_still_pan_does() -> None:
@@ -167,11 +179,11 @@ def test_poor_counts_from_where_a_pan_at_rest_lets_the_object_slide() -> None:
     command = np.zeros((400, 2))
     t = np.arange(400) * 1e-3
     command[:, 0] = np.where(t < 0.2, t - 2.5 * t * t, 0.1)  # 1 m/s, slowed down by nearly 0.5 x 9.8
-    motion = Motion(np.zeros((400, 2)), np.zeros((400, 2)), np.zeros((401, 4)), np.zeros((401, 4)))
+    motion = Motion(STILL, STILL, np.zeros((401, 6)), np.zeros((401, 4)))
     motion.sliding[:400, :2] = command + np.array([0.0, 0.008])
     motion.sliding[0] = [0.0, 0.0, 1.0, 0.0]
     motion.sliding[-1, :2] = command[-1]
-    quality = assess(motion, STOP, command, Friction(1.0, 0.5), Limits(), Sizes(), np.zeros(2))
+    quality = assess(motion, STOP, command, Friction(1.0, 0.5), Limits(), Sizes(), np.zeros(3))
     assert quality.status is Status.POOR
     assert "more than half" in quality.notes[0]
 
@@ -233,8 +245,8 @@ def test_stop_that_leaves_the_object_behind_is_a_note_and_no_status() -> None:
     command = stroke(0.05)
     sliding = np.concatenate([np.concatenate([command, command[-1:]]), np.zeros((401, 2))], axis=1)
     sliding[-1, 2] = 1.0  # at the end it slides at 1 m/s: 1 / (2 x 0.5 x 9.8) m farther it rests
-    motion = Motion(STILL, STILL, np.zeros((401, 4)), sliding)
-    quality = assess(motion, STOP, command, Friction(1.0, 0.5), Limits(), Sizes(), np.zeros(2))
+    motion = Motion(STILL, STILL, np.zeros((401, 6)), sliding)
+    quality = assess(motion, STOP, command, Friction(1.0, 0.5), Limits(), Sizes(), np.zeros(3))
     assert quality.rest_error == pytest.approx(0.102, abs=1e-3)
     assert quality.status is Status.OK
     assert quality.notes[0].startswith("after the stop the object rests 0.10")

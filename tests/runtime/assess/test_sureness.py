@@ -16,7 +16,7 @@ def test_error_under_friction_that_is_off_is_the_worst_replay_of_four(plan: Plan
     u, start = plan.pan_acceleration, plan.object_position[0]
     states = np.zeros((len(u) + 1, 4))
     states[:, :2] = start
-    motion = Motion(u, u, np.zeros((len(u) + 1, 4)), states)
+    motion = Motion(u, u, np.zeros((len(u) + 1, 6)), states)
     found = friction_off_error(motion, plan.command_position, friction)
     errors = []
     for static in (0.9 * friction.static, min(1.1 * friction.static, 10.0)):
@@ -35,7 +35,7 @@ def test_every_plan_says_how_sure_it_is(plan: Plan) -> None:
 def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> None:
     u = plan.pan_acceleration
     states = plan.replay()
-    motion = Motion(u, u, np.zeros((len(u) + 1, 4)), np.concatenate([states, states[-1:]]))
+    motion = Motion(u, u, np.zeros((len(u) + 1, 6)), np.concatenate([states, states[-1:]]))
     trained_on = {"static": (0.5, 1.4), "kinetic": (0.3, 0.7)}
     tolerance = 2e-3
     found = friction_range(motion, plan.object_position, plan.friction, tolerance, trained_on)
@@ -54,7 +54,7 @@ def test_friction_range_is_where_the_replay_holds_the_tolerance(plan: Plan) -> N
         assert holds(plan.friction.static, kinetic)
     assert found.static_low < 0.52 or not holds(found.static_low - FRICTION_STEP, plan.friction.kinetic)
     assert found.kinetic_high > 0.68 or not holds(plan.friction.static, found.kinetic_high + FRICTION_STEP)
-    nowhere = friction_range(motion, u, plan.friction, tolerance, trained_on)
+    nowhere = friction_range(motion, u[:, :2], plan.friction, tolerance, trained_on)
     assert nowhere == FrictionRange(tolerance, None, None, None, None)
 
 

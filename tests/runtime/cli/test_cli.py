@@ -107,8 +107,8 @@ def test_limits_can_be_tightened(slide: Slide, tmp_path: Path) -> None:
     code, out, _ = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--json", *options)
     quality = json.loads(out)["quality"]
     assert code == 0
-    assert quality["limits"] == {"pan_reach": 0.18, "acceleration": 28.0, "jerk": 9000.0}
-    assert all(margin > -1e-9 for margin in quality["margins"].values())
+    assert quality["limits"] == {"pan_reach": 0.18, "height": 0.0, "speed": None, "acceleration": 28.0, "jerk": 9000.0}
+    assert all(margin > -1e-9 for name, margin in quality["margins"].items() if name != "speed")
     assert quality["status"] in ("governed", "limited")
     code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--jerk", "0")
     assert (code, err) == (2, "slide-plan: error: limit jerk must be greater than 0 m/s^3, got 0 m/s^3\n")
@@ -347,7 +347,7 @@ def test_slide_run_refuses_bad_input(slide: Slide, plan: Plan, plan_file: Path, 
     cut = tmp_path / "cut.json"
     cut.write_bytes(plan_file.read_bytes()[:1000])
     for arguments, message in [
-        ([other], "other.json: format must be 'slide-plan/1', got 'slide-plan/9'"),
+        ([other], "other.json: format must be 'slide-plan/2', got 'slide-plan/9'"),
         ([cut], "cut.json: truncated or not JSON"),
         ([tmp_path / "absent.json"], "cannot be read"),
         ([plan_file, "--kinetic", "2"], "kinetic friction 2 must not exceed"),

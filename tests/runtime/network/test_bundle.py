@@ -12,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 
-from runtime import BundleError, Friction, InputError
+from runtime import BundleError, Friction, InputError, Limits
 from runtime.network.bundle import SHIPPED, Bundle
 from runtime.network.manifest import BUNDLE_FORMAT, GENERAL, TRAINED_ON, Manifest, OnePan
 from runtime.network.units import Constants
@@ -53,7 +53,7 @@ def test_manifest_comes_back_the_same(bundle_path: Path) -> None:
     manifest = Manifest.from_dict(document)
     usual = {"start_speed": [0.0, 1.0], "corner": [0.0, 1.2]}
     absent = {
-        "limits": {"pan_reach": 100.0, "acceleration": 30.0, "jerk": 10_000.0},
+        "limits": {"pan_reach": 100.0, "height": 0.0, "speed": None, "acceleration": 30.0, "jerk": 10_000.0},
         "sizes": {"pan_radius": 0.18, "object_radius": 0.03},
         "trained_on": document["trained_on"] | usual,
     }
@@ -61,12 +61,14 @@ def test_manifest_comes_back_the_same(bundle_path: Path) -> None:
     moved = {"format": BUNDLE_FORMAT, "network": {"kind": "one-pan"} | {name: document.pop(name) for name in names}}
     assert manifest.to_dict() == document | absent | moved
     tight = document | {
-        "limits": {"pan_reach": 0.1, "acceleration": 20.0, "jerk": 5000.0},
+        "limits": {"pan_reach": 0.1, "height": 0.05, "speed": 1.5, "acceleration": 20.0, "jerk": 5000.0},
         "sizes": {"pan_radius": 0.14, "object_radius": 0.02},
         "trained_on": document["trained_on"] | {"start_speed": [0.0, 0.1], "corner": [0.0, 0.5]},
     }
     tight |= moved
     assert Manifest.from_dict(tight).to_dict() == tight
+    older = manifest_of(bundle_path) | {"limits": {"pan_reach": 0.1, "acceleration": 20.0, "jerk": 5000.0}}
+    assert Manifest.from_dict(older).limits == Limits(0.1, acceleration=20.0, jerk=5000.0)
     assert Manifest.from_dict(json.loads(json.dumps(manifest.to_dict()))) == manifest
     assert (document["format"], BUNDLE_FORMAT) == ("slide-bundle/1", "slide-bundle/2")
 

@@ -20,7 +20,7 @@ from runtime.outputs.columns import columns
 from runtime.physics.law import slide_one
 
 NAMES = ["t", "command_x", "command_y", "object_x", "object_y", "object_vx", "object_vy"]
-NAMES += ["pan_x", "pan_y", "pan_vx", "pan_vy", "pan_ax", "pan_ay", "stop"]
+NAMES += ["pan_x", "pan_y", "pan_z", "pan_vx", "pan_vy", "pan_vz", "pan_ax", "pan_ay", "pan_az", "stop"]
 
 
 def assert_rows(column: Callable[[str], Any], plan: Plan) -> None:
@@ -44,7 +44,7 @@ def assert_rows(column: Callable[[str], Any], plan: Plan) -> None:
 def test_csv_has_every_number_of_the_plan(plan: Plan, tmp_path: Path) -> None:
     text = plan.to_csv()
     rows = list(csv.DictReader(io.StringIO(text)))
-    assert list(rows[0])[:14] == NAMES
+    assert list(rows[0]) == NAMES
     assert_rows(lambda name: [row[name] for row in rows], plan)
     plan.save(tmp_path / "plan.csv")
     assert plan.to_csv(tmp_path / "table.txt") == text
@@ -62,13 +62,13 @@ def test_table_goes_on_with_the_stop_until_the_pan_rests(plan: Plan) -> None:
     after = {name: values[len(plan) :] for name, values in table.items()}
     assert after["stop"].all()
     assert after["t"].tolist() == [(len(plan) + k) / 1000 for k in range(samples + 1)]
-    assert np.array_equal(np.stack([after["pan_ax"], after["pan_ay"]], axis=1)[:-1], stop)
-    velocity = np.stack([after["pan_vx"], after["pan_vy"]], axis=1)
-    position = np.stack([after["pan_x"], after["pan_y"]], axis=1)
+    assert np.array_equal(np.stack([after["pan_ax"], after["pan_ay"], after["pan_az"]], axis=1)[:-1], stop)
+    velocity = np.stack([after["pan_vx"], after["pan_vy"], after["pan_vz"]], axis=1)
+    position = np.stack([after["pan_x"], after["pan_y"], after["pan_z"]], axis=1)
     assert np.allclose(velocity[0], leaving, atol=1e-15)
     assert np.allclose(velocity[-1], 0.0, atol=1e-12)
     assert np.allclose(np.diff(position, axis=0), dt * (velocity[:-1] + velocity[1:]) / 2, atol=1e-15)
-    assert (after["pan_ax"][-1], after["pan_ay"][-1]) == (0.0, 0.0)
+    assert (after["pan_ax"][-1], after["pan_ay"][-1], after["pan_az"][-1]) == (0.0, 0.0, 0.0)
     assert set(after["command_x"]) == {plan.command_position[-1, 0]}
     acceleration = np.concatenate([plan.pan_acceleration, stop])
     start = np.concatenate([plan.object_position[0], plan.object_velocity[0]])
@@ -151,7 +151,7 @@ def test_figure_shows_both_paths_the_rim_and_the_limits(plan: Plan) -> None:
         assert np.allclose(drawn["object"], plan.object_position * 1e3)
         assert np.allclose(drawn["command"], plan.command_position * 1e3)
         assert np.allclose(np.hypot(*drawn["rim"].T), 180.0)
-        assert np.allclose(drawn["pan"][: len(plan)], plan.pan_position * 1e3)
+        assert np.allclose(drawn["pan"][: len(plan)], plan.pan_position[:, :2] * 1e3)
         limit = plan.quality.limits["acceleration"]
         assert limit is None or any(np.all(np.asarray(line.get_ydata()) == limit) for line in over_time[-1].lines)
         assert plan.quality.status.replace("_", " ") in figure.get_suptitle()

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 LIMITS = Limits(jerk=50_000.0)
-STOP = np.zeros((1, 2))
+STOP = np.zeros((1, 3))
 HOSTILE = "</script><script>document.title='taken'</script><!-- <b>&amp;\u2028@@REPORT@@"
 VIEWER = Path(runtime.report.__file__).parent / "viewer"
 RESOLUTION = 0.5e-6 * (1 + 1e-9)
@@ -47,9 +47,9 @@ def shaken_plan(samples: int = 700, friction: Friction | None = None) -> Plan:
     carries = k % 200 < 130
     size = np.where(carries, 2.0, 12.0)  # m/s^2: at rest friction holds 9.8, sliding it brakes by 4.9
     angle = np.where(carries, 0.4, 0.4 + np.pi) + 0.8 * (k // 200)
-    u = size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rest = np.zeros((1, 4))
-    sliding = np.concatenate([rest, slide_one(rest[0], u, friction)])
+    u = size[:, None] * np.stack([np.cos(angle), np.sin(angle), np.zeros(samples)], axis=1)
+    rest = np.zeros((1, 6))
+    sliding = np.concatenate([rest[:, :4], slide_one(rest[0, :4], u, friction)])
     pan = np.concatenate([rest, integrate_pan(rest[0], u)])
     command = np.stack([0.05 * np.sin(k / 150), 0.03 * np.cos(k / 120) - 0.03], axis=1)
     motion = Motion(u, u, pan, sliding)
@@ -137,7 +137,7 @@ def test_a_hostile_name_stays_text(plan: Plan) -> None:
 
 def test_tracks_come_with_their_own_figures(plan: Plan) -> None:
     track = replayed(plan, "slippery", Friction(0.7, 0.3))
-    pan_position = plan.pan_position + np.array([0.003, -0.004])
+    pan_position = plan.pan_position + np.array([0.003, -0.004, 0.0])
     moved = Track("moved", track.object_position, track.object_velocity, pan_position)
     first, second = data_of(render_report(plan, [track, moved]))["tracks"]
     error = np.linalg.norm(track.object_position - plan.command_position, axis=1)
@@ -162,18 +162,20 @@ def test_the_replay_under_the_plans_own_friction_has_the_plans_figures(plan: Pla
     [
         ({"object_position": np.zeros((3, 3))}, "object_position"),
         ({"object_velocity": np.full((4, 2), np.nan)}, r"object_velocity\[0\], column x"),
-        ({"pan_position": np.zeros((5, 2))}, "pan_position has 5 rows, object_position has 4"),
+        ({"pan_position": np.zeros((5, 3))}, "pan_position has 5 rows, object_position has 4"),
         ({"name": "two\nlines"}, "name"),
     ],
 )
 def test_a_track_that_cannot_be_drawn_is_refused(changes: dict[str, Any], message: str) -> None:
-    arrays = dict.fromkeys(("object_position", "object_velocity", "pan_position"), np.zeros((4, 2)))
+    arrays = dict.fromkeys(("object_position", "object_velocity"), np.zeros((4, 2))) | {
+        "pan_position": np.zeros((4, 3))
+    }
     with pytest.raises(InputError, match=message):
         Track(**{"name": "bad", **arrays, **changes})
 
 
 def test_a_track_of_another_length_is_refused(plan: Plan) -> None:
-    short = Track("short", *[np.zeros((4, 2))] * 3)
+    short = Track("short", *[np.zeros((4, 2))] * 2, np.zeros((4, 3)))
     with pytest.raises(InputError, match="'short' has 4 samples, the plan has 700"):
         render_report(plan, [short])
 
@@ -314,7 +316,7 @@ def test_every_track_has_its_row_and_a_colour_of_its_own(plan: Plan, open_report
     names = ["slippery", "sticky", "same", "measured"]
     frictions = [Friction(0.7, 0.3), Friction(1.5, 0.8), plan.friction, Friction(0.9, 0.4)]
     tracks = [replayed(plan, *each) for each in zip(names, frictions, strict=True)]
-    tracks[3] = replace(tracks[3], pan_position=tracks[3].pan_position + 0.01)
+    tracks[3] = replace(tracks[3], pan_position=tracks[3].pan_position + np.array([0.01, 0.01, 0.0]))
     page = open_report(plan, tracks)
     rows = [row.split("\t") for row in page.locator("#tracks tbody tr").all_inner_texts()]
     assert [row[0] for row in rows] == ["as planned", *names]
@@ -331,8 +333,8 @@ def test_every_track_has_its_row_and_a_colour_of_its_own(plan: Plan, open_report
 @pytest.mark.parametrize("case", ["one sample", "never moves", "no friction", "no limits", "hostile", "a minute"])
 def test_a_browser_draws_the_odd_plans_too(plan: Plan, open_report: Callable[..., Page], case: str) -> None:
     still = np.zeros_like(plan.object_position)
-    unmoved = replace(plan, pan_position=still, object_position=still, object_velocity=still)
-    no_limits = {"pan_reach": None, "acceleration": None, "jerk": None}
+    unmoved = replace(plan, pan_position=np.zeros_like(plan.pan_position), object_position=still, object_velocity=still)
+    no_limits = dict.fromkeys(plan.quality.limits)
     odd = {
         "one sample": lambda: shaken_plan(1),
         "never moves": lambda: unmoved,

@@ -10,12 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime import Friction, InputError, Limits, Plan, Planner, Start
-from runtime.limits import NO_LIMITS
+from runtime.limits import LARGEST_SINK, NO_LIMITS
 from runtime.physics.law import DT, GRAVITY, slide_one
+from runtime.physics.motion import lengths
 from runtime.physics.pan import integrate_pan
 from runtime.physics.positions import slide_to_rest
 from runtime.safety.rest import KEPT, kindest_stop
-from runtime.safety.stop import SHORT_RAMP, PanState, find_brake, stop_reach
+from runtime.safety.stop import SHORT_RAMP, PanState, find_brake, stop_extent
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,11 @@ def random_job(rng: np.random.Generator) -> dict[str, Any]:
     position = (rng.uniform(0.002, 0.05) * np.sin(rate * t + phase)).sum(axis=2)
     static = rng.uniform(0.0, 1.5)
     jerk = 10.0 ** rng.uniform(2.5, 6.0)
-    limits = Limits(rng.uniform(0.01, 0.4), min(10.0 ** rng.uniform(0.3, rng.choice([1.8, 5.0])), 9.0 * jerk), jerk)
+    limits = Limits(
+        rng.uniform(0.01, 0.4),
+        acceleration=min(10.0 ** rng.uniform(0.3, rng.choice([1.8, 5.0])), 9.0 * jerk),
+        jerk=jerk,
+    )
     start = Start()
     if rng.random() < 0.5:
         direction = rng.normal(0.0, 1.0, (3, 2))
@@ -54,10 +59,13 @@ def check_at_rest(plan: Plan, limits: Limits) -> None:
     u = motion.acceleration
     assert len(plan.stop_acceleration) >= 1
     assert not u[-1].any()
-    np.testing.assert_allclose(motion.pan[-1, 2:], 0.0, atol=TOLERANCE)
-    assert np.hypot(*u[last:].T).max() <= limits.acceleration * (1.0 + TOLERANCE)
-    assert np.hypot(*np.diff(u[last:], axis=0).T).max() <= limits.jerk * DT * (1.0 + TOLERANCE) + TOLERANCE
-    assert np.hypot(*motion.pan[last:, :2].T).max() <= limits.pan_reach + TOLERANCE
+    np.testing.assert_allclose(motion.pan[-1, 3:], 0.0, atol=TOLERANCE)
+    assert lengths(u[last:]).max() <= limits.acceleration * (1.0 + TOLERANCE)
+    assert lengths(np.diff(u[last:], axis=0)).max() <= limits.jerk * DT * (1.0 + TOLERANCE) + TOLERANCE
+    assert lengths(motion.pan[last:, :2]).max() <= limits.pan_reach + TOLERANCE
+    assert lengths(motion.pan[last:, 3:]).max() <= limits.speed + TOLERANCE
+    assert np.abs(motion.pan[last:, 2]).max() <= limits.height + TOLERANCE * (not limits.level)
+    assert u[:, 2].min() >= -LARGEST_SINK - TOLERANCE
 
 
 def test_random_plans_end_at_rest_within_limits_and_reach(planner: Planner) -> None:
@@ -74,7 +82,7 @@ def test_random_plans_end_at_rest_within_limits_and_reach(planner: Planner) -> N
 
 @pytest.mark.parametrize("options", [{"candidates": 6}, {"refine_iterations": 2}])
 def test_turned_and_refined_plans_end_at_rest_too(planner: Planner, options: dict[str, Any]) -> None:
-    rng, limits = np.random.default_rng(3), Limits(0.05, 20.0, 4_000.0)
+    rng, limits = np.random.default_rng(3), Limits(0.05, acceleration=20.0, jerk=4_000.0)
     for samples in (130, 200, 333):
         position = np.cumsum(rng.normal(0.0, 1e-4, (samples, 2)), axis=0)
         check_at_rest(planner.plan(position, limits=limits, **options), limits)
@@ -93,7 +101,7 @@ def test_plan_without_limits_ends_at_rest(planner: Planner) -> None:
     plans.append(Plan.of_accelerations(rng.normal(0.0, 20.0, (200, 2)), Friction(0.5, 0.4), "drawn"))
     for plan in plans:
         motion = plan.with_stop()
-        np.testing.assert_allclose(motion.pan[-1, 2:], 0.0, atol=TOLERANCE)
+        np.testing.assert_allclose(motion.pan[-1, 3:], 0.0, atol=TOLERANCE)
         assert not motion.acceleration[-1].any()
 
 
@@ -111,11 +119,11 @@ def test_object_stays_on_its_mark_where_the_pan_can_stop_gently() -> None:
 
 def brake_at(speed: float, sliding: tuple[float, float], reach: float, friction: Friction) -> tuple[Array, float]:
     """Return the kindest stop of a pan at a speed along x, and how far from its mark it leaves the object (m)."""
-    state, limits = PanState(0.0, 0.0, speed, 0.0, 0.0, 0.0), Limits(reach)
+    state, limits = PanState(0.0, 0.0, 0.0, speed, *[0.0] * 5), Limits(reach)
     moving = np.array([0.0, 0.0, *sliding])
     brake = kindest_stop(state, moving, np.zeros(2), limits, friction)
     assert brake is not None
-    assert stop_reach(state, brake) <= reach
+    assert stop_extent(state, brake).reach <= reach
     u = brake.accelerations(brake.samples)
     return u, float(np.hypot(*slide_to_rest(moving, u, friction)))
 
@@ -124,21 +132,21 @@ def test_stop_is_no_stronger_than_friction_holds_where_there_is_room() -> None:
     friction = Friction(0.8, 0.4)
     u, left = brake_at(1.0, (0.0, 0.0), 0.3, friction)  # at rest: static friction holds it
     assert left == 0.0
-    assert np.hypot(*u.T).max() < 0.8 * GRAVITY
+    assert lengths(u).max() < 0.8 * GRAVITY
     u, left = brake_at(
         0.6, (0.2, 0.0), 0.3, friction
     )  # sliding ahead: kinetic friction brakes it, a strong stop throws it
-    assert np.hypot(*u.T).max() < 0.4 * GRAVITY
-    strong = find_brake(PanState(0.0, 0.0, 0.6, 0.0, 0.0, 0.0), Limits(0.3))
+    assert lengths(u).max() < 0.4 * GRAVITY
+    strong = find_brake(PanState(0.0, 0.0, 0.0, 0.6, *[0.0] * 5), Limits(0.3))
     thrown = slide_to_rest(np.array([0.0, 0.0, 0.2, 0.0]), strong.accelerations(strong.samples), friction)
     assert left < 0.5 * np.hypot(*thrown)
 
 
 def test_stop_is_as_strong_as_the_reach_asks_for() -> None:
     u, left = brake_at(1.0, (0.0, 0.0), 0.04, Friction(0.8, 0.4))
-    assert np.hypot(*u.T).max() > 0.8 * GRAVITY
+    assert lengths(u).max() > 0.8 * GRAVITY
     assert left > 0.01
-    state = PanState(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    state = PanState(0.0, 0.0, 0.0, 1.0, *[0.0] * 5)
     assert kindest_stop(state, np.zeros(4), np.zeros(2), Limits(0.01), Friction()) is None
 
 
@@ -156,15 +164,18 @@ def test_looser_limits_stop_no_later_than_a_short_ramp() -> None:
     rng = np.random.default_rng(8)
     for _ in range(200):
         push, jerk = rng.uniform(0.0, 10.0), 10.0 ** rng.uniform(3.0, 5.0)
-        state = PanState(0.0, 0.0, rng.uniform(0.01, 3.0), 0.0, push * rng.uniform(-1.0, 1.0), 0.0)
-        tight, *loose = (find_brake(state, Limits(1.0, limit, jerk)) for limit in (30.0, 100.0, 1e3, 9e3))
+        speed = rng.uniform(0.01, 3.0)
+        state = PanState(0.0, 0.0, 0.0, speed, 0.0, 0.0, push * rng.uniform(-1.0, 1.0), 0.0, 0.0)
+        tight, *loose = (
+            find_brake(state, Limits(1.0, acceleration=limit, jerk=jerk)) for limit in (30.0, 100.0, 1e3, 9e3)
+        )
         u = [brake.accelerations(brake.samples) for brake in (tight, *loose)]
         for each in u:
-            assert np.abs(integrate_pan(np.array(state[:4]), each)[-1, 2:]).max() <= TOLERANCE
-            assert np.hypot(*np.diff(np.concatenate([[state[4:]], each]), axis=0).T).max() <= jerk * DT + TOLERANCE
+            assert np.abs(integrate_pan(np.array(state[:6]), each)[-1, 3:]).max() <= TOLERANCE
+            assert lengths(np.diff(np.concatenate([[state[6:]], each]), axis=0)).max() <= jerk * DT + TOLERANCE
         for brake in loose:
             assert brake.samples <= tight.samples + 2.0 * SHORT_RAMP / DT
-            assert stop_reach(state, brake) <= stop_reach(state, tight) + state.vx * SHORT_RAMP
+            assert stop_extent(state, brake).reach <= stop_extent(state, tight).reach + state.vx * SHORT_RAMP
 
 
 def test_looser_limits_make_no_plan_worse() -> None:
@@ -172,7 +183,12 @@ def test_looser_limits_make_no_plan_worse() -> None:
     t = np.linspace(0.0, 2.0 * np.pi, 1200)
     position = 0.05 * np.stack([np.sin(t) ** 3, 1.0 - np.cos(t)], axis=1)
     usual = shipped.plan(position).quality.tracking_rmse
-    for limits in (Limits(acceleration=1e4), Limits(acceleration=1e9, jerk=1e9), Limits(0.25), Limits(0.2, 60.0, 2e4)):
+    for limits in (
+        Limits(acceleration=1e4),
+        Limits(acceleration=1e9, jerk=1e9),
+        Limits(0.25),
+        Limits(0.2, acceleration=60.0, jerk=2e4),
+    ):
         assert shipped.plan(position, limits=limits).quality.tracking_rmse <= 1.05 * usual
 
 
@@ -180,7 +196,12 @@ def test_looser_limits_keep_the_object_on_its_mark_in_the_stop() -> None:
     shipped = Planner()
     t = np.linspace(0.0, 2.0 * np.pi, 1200)
     position = 0.03 * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1)
-    for limits in (Limits(), Limits(acceleration=1e4), Limits(0.2, 30.0, 1e9), Limits(0.2, 1e4, 1e9)):
+    for limits in (
+        Limits(),
+        Limits(acceleration=1e4),
+        Limits(0.2, acceleration=30.0, jerk=1e9),
+        Limits(0.2, acceleration=1e4, jerk=1e9),
+    ):
         rest_error = shipped.plan(position, limits=limits).quality.rest_error
         assert rest_error is not None
         assert rest_error < 0.003

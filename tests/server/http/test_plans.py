@@ -56,7 +56,7 @@ def test_plan_comes_as_npz_if_that_is_accepted(server: Any, make_request: Callab
 
 def test_options_are_those_of_the_runtime(server: Any, planner: Planner, make_curve: Callable[..., Any]) -> None:
     position = make_curve(400, 3)
-    friction, limits = Friction(0.8, 0.4), Limits(0.15, 25.0, 5000.0)
+    friction, limits = Friction(0.8, 0.4), Limits(0.15, acceleration=25.0, jerk=5000.0)
     start = Start(pan_position=(0.02, 0.0), object_position=(0.01, 0.0), object_velocity=(0.0, 0.1))
     options: dict[str, Any] = {"limits": limits, "start": start, "sizes": Sizes(0.2, 0.01), "tolerance": 0.001}
     options |= {"candidates": 4, "robust": 0.1}

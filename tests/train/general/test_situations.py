@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from runtime.errors import InputError
-from runtime.network.units import ACCELERATION, CHUNK, LEAST_JERK, WEIGHT_KEPT
+from runtime.limits import WEIGHT_KEPT
+from runtime.network.units import ACCELERATION, CHUNK, LEAST_JERK
 from train.config import load_config
 from train.general.config import GROUPS
 from train.general.recipe import GeneralRecipe
