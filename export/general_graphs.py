@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from export.float_graphs import decoder_model, lstm_decoder, lstm_encoder
 from export.graph_builder import GraphBuilder
+from runtime.limits import WEIGHT_KEPT
 from runtime.network.units import (
     ACCELERATION,
     AHEAD_ROWS,
@@ -21,7 +22,6 @@ from runtime.network.units import (
     OBSERVED,
     SEEN_ROWS,
     USUAL_GRAVITY,
-    WEIGHT_KEPT,
 )
 from train.general.network import (
     ACCELERATION_GAIN,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_step, unpack_chunk
+from runtime.client.messages import AXES, STREAM_FORMAT, Chunk, Step, pack_step, unpack_chunk
 from runtime.client.request import command_document, options_document
 from runtime.command import Command
 from runtime.documents.checks import FloatArray, fields, table
@@ -29,7 +29,7 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
     """One command followed chunk by chunk with a server's network; a context manager, for one thread.
 
         with RemoteStream("http://127.0.0.1:8000", position) as stream:
-            acceleration = stream.step(pan_state, object_state)  # (C, 2) m/s^2, for the next C samples
+            acceleration = stream.step(pan_state, object_state)  # (C, 3) m/s^2, for the next C samples
 
     Args:
         url: of the server, as in http://127.0.0.1:8000.
@@ -87,7 +87,7 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
     def step(
         self, pan_state: FloatArray | None = None, object_state: FloatArray | None = None, age: float = 0.0
     ) -> FloatArray:
-        """Give the pan accelerations (C, 2) (m/s^2) for the next C samples; see `Stream.step`.
+        """Give the pan accelerations (C, 3) (m/s^2) for the next C samples; see `Stream.step`.
 
         Raises:
             ServerError: the server refuses, is gone, or answers something else.
@@ -145,7 +145,7 @@ def _step_json(step: Step) -> str:
     message: dict[str, Any] = {"sequence": step.sequence, "age": step.age}
     for name, state in (("pan", step.pan), ("object", step.object)):
         if state is not None:
-            message[name] = np.reshape(state, (-1, 4)).tolist()
+            message[name] = np.atleast_2d(state).tolist()
     return json.dumps(message, allow_nan=False)
 
 
@@ -153,7 +153,7 @@ def _chunk(document: Any) -> Chunk:
     parts = fields(document, "", ("sequence", "status", "acceleration", "brake"))
     if parts["status"] not in tuple(StreamStatus):
         raise InputError("there is no such status")
-    rows = table(parts["acceleration"], "acceleration"), table(parts["brake"], "brake")
+    rows = table(parts["acceleration"], "acceleration", AXES), table(parts["brake"], "brake", AXES)
     return Chunk(parts["sequence"], *rows, StreamStatus(parts["status"]))
 
 

@@ -23,6 +23,8 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Pair = tuple[Finite, Finite]
 Row = tuple[Finite, Finite, Finite, Finite]
 Rows = Annotated[list[Row], FailFast()]
+PanRows = Annotated[list[Annotated[list[Finite], Field(min_length=4, max_length=6)]], FailFast()]
+Vector = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=3, description="[x, y] or [x, y, z]")]
 
 Model = TypeVar("Model", bound="Strict")
 
@@ -90,6 +92,10 @@ class LimitsRequest(Strict):
     """What the pan is to keep to; the model's where nothing is said."""
 
     pan_reach: Positive | None = Field(None, description="(m)")
+    height: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
+        None, description="Above and below the middle (m); 0 for a level pan."
+    )
+    speed: Positive | None = Field(None, description="(m/s)")
     acceleration: Positive | None = Field(None, description="(m/s^2)")
     jerk: Positive | None = Field(None, description="(m/s^3)")
 
@@ -97,9 +103,9 @@ class LimitsRequest(Strict):
 class StartRequest(Strict):
     """Where pan and object are, and how they move; at rest, the object on its mark, where nothing is said."""
 
-    pan_position: Pair = (0.0, 0.0)
-    pan_velocity: Pair = (0.0, 0.0)
-    pan_acceleration: Pair = (0.0, 0.0)
+    pan_position: Vector = (0.0, 0.0)
+    pan_velocity: Vector = (0.0, 0.0)
+    pan_acceleration: Vector = (0.0, 0.0)
     object_position: Pair | None = None
     object_velocity: Pair = (0.0, 0.0)
 
@@ -141,17 +147,20 @@ class PlanRequest(Options):
 class StreamRequest(Options):
     """What opens a stream."""
 
-    format: Literal["slide-stream/1"]
+    format: Literal["slide-stream/1", "slide-stream/2"]
     command: CommandRequest
     packed: bool = False
 
 
 class StepRequest(Strict):
-    """A step as JSON: states [x, y, vx, vy] (m, m/s), the last C of them or the last one; none where one is missing."""
+    """A step as JSON: states (m, m/s), the last C of them or the last one; none where one is missing.
+
+    The object's are [x, y, vx, vy], the pan's [x, y, z, vx, vy, vz], those of a level pan also [x, y, vx, vy].
+    """
 
     sequence: int = Field(ge=0)
     age: Finite = 0.0
-    pan: Rows = Field([])
+    pan: PanRows = Field([])
     object: Rows = Field([])
     command: CommandRequest | None = None
     start: StartRequest | None = None

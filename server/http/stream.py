@@ -3,17 +3,18 @@
 A step takes a third of a millisecond: in the event loop answers come sooner than by way of a thread. One step is made
 at a time, and between two of them everything else has its turn; next is the stream that has had the least.
 
-The first message opens the stream, as JSON: {"format": "slide-stream/1", "command": ..., "packed": false} and the
+The first message opens the stream, as JSON: {"format": "slide-stream/2", "command": ..., "packed": false} and the
 options of a plan. The answer says what decodes. From then on each message is a step, numbered from 0, and each answer
 the chunk of that number; see `runtime.client.messages`. A JSON step may carry another "command" to follow from then
 on, or a "start" to begin again from after a stop. What is wrong is said in a problem document before the socket is
-closed.
+closed. A stream that is opened as "slide-stream/1" moves a level pan, and has x and y alone.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from contextlib import ExitStack
 from typing import Any, NamedTuple
@@ -24,7 +25,7 @@ from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
 from runtime import Command, InputError, Planner, Start, Stream
-from runtime.client.messages import STREAM_FORMAT, Chunk, Step, pack_chunk, unpack_step
+from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT, Chunk, Step, pack_chunk, unpack_step
 from runtime.documents.checks import FloatArray
 from server.http.guard import client_of
 from server.http.schemas import StepRequest, read, to_start
@@ -169,24 +170,24 @@ class Follower:
             InputError: what it asks for cannot be followed.
             WebSocketDisconnect: the client left.
         """
-        command, job, packed = await self._read("stream", _data(await self._receive()))
+        command, job, packed, axes = await self._read("stream", _data(await self._receive()))
         following = self._planner.stream(command, job.friction, limits=job.limits, start=job.start)
         manifest = self._planner.bundle.manifest
         model = {"name": manifest.name, "sha256": self._planner.bundle.sha256}
-        opened = {"format": STREAM_FORMAT, "chunk": self._chunk, "dt": manifest.dt, "model": model}
+        opened = {"format": STREAM_FORMAT if axes == AXES else LEVEL_STREAM_FORMAT, "chunk": self._chunk, "dt": manifest.dt, "model": model}
         await self._socket.send_text(orjson.dumps(opened).decode())
 
         limit, expected = RateLimit(self._settings.stream_rate), 0
         most = fastest(job.limits, job.friction)
         while True:
-            received = await self._read_input(await self._receive(), limit)
+            received = await self._read_input(await self._receive(), limit, axes)
             if received.step.sequence != expected:
                 raise Problem("invalid", f"step {expected} is expected", "sequence")
             _check_speed(received, most)
             if received.start is not None:
                 stop_samples(job.limits, received.start, job.friction)
             async with self._service.steps.turn(f"{self._client} {id(self)}"):
-                chunk = received.advance(following)
+                chunk = along(received.advance(following), axes)
             self._service.metrics.chunks.inc()
             expected = (expected + 1) % (1 << 32)
             if packed:
@@ -225,8 +226,8 @@ class Follower:
         finally:
             held.release()
 
-    async def _read_input(self, message: str | bytes, limit: RateLimit) -> StreamInput:
-        """Read a step.
+    async def _read_input(self, message: str | bytes, limit: RateLimit, axes: int) -> StreamInput:
+        """Read a step, of a pan that moves along so many axes.
 
         Raises:
             Problem: `malformed` or `invalid`, with the place; `too-fast`.
@@ -234,7 +235,7 @@ class Follower:
         """
         if isinstance(message, bytes):
             try:
-                step = unpack_step(message)
+                step = unpack_step(message, axes)
             except InputError as error:
                 raise Problem("malformed", str(error)) from None
             limit.check()
@@ -251,9 +252,16 @@ class Follower:
             if request.command is not None:  # its name was written in another way
                 raise Problem("malformed", "the name command is written with escapes")
             start = None if request.start is None else to_start(request.start)
+        if {len(row) for row in request.pan} not in ({4}, {6}, set()):
+            raise Problem("invalid", "the rows must have 6 numbers each, of a level pan also 4 each", "pan")
         pan, sliding = (np.array(rows) if rows else None for rows in (request.pan, request.object))
         _check_rows(self._chunk, pan=pan, object=sliding)
         return StreamInput(Step(request.sequence, pan, sliding, request.age), start, command)
+
+
+def along(chunk: Chunk, axes: int) -> Chunk:
+    """Return a chunk with the accelerations along so many axes."""
+    return chunk._replace(acceleration=chunk.acceleration[:, :axes].copy(), brake=chunk.brake[:, :axes].copy())
 
 
 def _data(message: str | bytes) -> bytes:
@@ -269,7 +277,8 @@ def _check_speed(received: StreamInput, most: float) -> None:
     pan = received.step.pan
     if pan is None or not np.isfinite(pan[-1:]).all():
         return
-    speed = float(np.hypot(*np.atleast_2d(pan)[-1, 2:]))
+    axes = pan.shape[-1] // 2
+    speed = math.hypot(*np.atleast_2d(pan)[-1, axes:])
     if speed > most:
         raise Problem(
             "invalid", f"a pan of {speed:.3g} m/s needs too long to stop: at most {most:.3g} m/s are taken", "pan"

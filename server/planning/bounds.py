@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 from runtime import Friction, InputError, Limits, Start
-from runtime.physics.law import DT, GRAVITY
+from runtime.limits import LARGEST_SINK
+from runtime.physics.law import DT
 from runtime.safety.rest import LONGEST_STOP as LONGEST_GENTLE_STOP
-from runtime.safety.stop import GENTLE
+from runtime.safety.stop import gentle_strength
 
 LONGEST_STOP = 10.0
 """Longest stop that is planned, or sent beside a chunk (s)."""
@@ -26,7 +27,8 @@ def stop_samples(limits: Limits, start: Start, friction: Friction | None = None)
     """Return the samples that a stop may take.
 
     With an acceleration a the speed v is lost in v/a, on a way of v^2/2a, at most twice the reach r: 2 sqrt(r/a). Going
-    to a and back takes a/jerk each, and as long again from an acceleration that points the other way.
+    to a and back takes a/jerk each, and as long again from an acceleration that points the other way. Upwards the same
+    holds with the height, and no more than LARGEST_SINK.
 
     Args:
         limits: finite ones; without them a plan ends by ordinary ones.
@@ -40,7 +42,8 @@ def stop_samples(limits: Limits, start: Start, friction: Friction | None = None)
         limits = Limits()
     a = weakest(limits, friction)
     ramps = 3.0 * limits.acceleration + math.hypot(*start.pan_acceleration)
-    longest = max(LONGEST_GENTLE_STOP, 2.0 * math.sqrt(limits.pan_reach / a)) + ramps / limits.jerk
+    along, upwards = limits.pan_reach / a, limits.height / min(a, LARGEST_SINK)
+    longest = max(LONGEST_GENTLE_STOP, 2.0 * math.sqrt(along), 2.0 * math.sqrt(upwards)) + ramps / limits.jerk
     if longest > LONGEST_STOP:
         gentle = "" if friction is None else f" and a kinetic friction of {friction.kinetic:g}"
         raise InputError(
@@ -54,7 +57,7 @@ def weakest(limits: Limits, friction: Friction | None) -> float:
     """Return the smallest acceleration that a stop may brake with (m/s^2)."""
     if friction is None:
         return limits.acceleration
-    return min(limits.acceleration, GENTLE * max(friction.kinetic, LEAST_FRICTION) * GRAVITY)
+    return min(limits.acceleration, gentle_strength(max(friction.kinetic, LEAST_FRICTION), limits))
 
 
 def fastest(limits: Limits, friction: Friction) -> float:

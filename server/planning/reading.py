@@ -20,6 +20,7 @@ from contextlib import suppress
 from typing import Any
 
 from runtime import Command, InputError, Start
+from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT
 from runtime.network.reader import chunk_count
 from server import logs
 from server.http.schemas import (
@@ -90,14 +91,18 @@ def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob
 
 
 def stream(options: ReaderOptions, body: bytes) -> Steps:
-    """Read what opens a stream: the Command, the PlanJob of it, and whether messages are packed."""
+    """Read what opens a stream: the Command, the PlanJob of it, whether messages are packed, and along how many axes."""
     _check_positions(body, options)
     asked = read(StreamRequest, body)
     yield
     command = to_command(asked.command, options.max_samples, "command")
     job = to_job(asked, asked.command.given(), options)
     stop_samples(job.limits, job.start, job.friction)
-    return command, job, asked.packed
+    axes = 2 if asked.format == LEVEL_STREAM_FORMAT else AXES
+    if axes == 2 and not job.limits.level:
+        detail = f"the pan lifts by {job.limits.height:g} m: open the stream as {STREAM_FORMAT}"
+        raise Problem("invalid", detail, "format")
+    return command, job, asked.packed, axes
 
 
 def step(options: ReaderOptions, body: bytes) -> Steps:

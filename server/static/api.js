@@ -61,7 +61,7 @@ export async function requestPlan(body, token) {
   const took = performance.now() - began;
   try {
     const plan = JSON.parse(text);
-    if (plan.format !== "slide-plan/1") throw new SyntaxError(plan.format);
+    if (plan.format !== "slide-plan/2") throw new SyntaxError(plan.format);
     return { text, plan, took };
   } catch {
     throw new Refusal("The server’s answer is no plan that this page can read.");

@@ -46,7 +46,7 @@ def test_plan_is_the_runtimes_plan_and_a_file_of_it_is_read(
 def test_plan_comes_as_npz_if_that_is_accepted(server: Any, make_request: Callable[..., Any], tmp_path: Path) -> None:
     response = server.post("/plan", json=make_request(), headers={"Accept": "application/x-npz"})
     assert response.headers["content-type"] == "application/x-npz"
-    assert np.load(io.BytesIO(response.content), allow_pickle=False)["pan.acceleration"].shape == (300, 2)
+    assert np.load(io.BytesIO(response.content), allow_pickle=False)["pan.acceleration"].shape == (300, 3)
     (tmp_path / "plan.npz").write_bytes(response.content)
     assert Plan.load(tmp_path / "plan.npz").to_dict() == server.post("/plan", json=make_request()).json()
     preferring = {"Accept": "application/x-npz;q=0.5, application/json"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import sys
 import time
 from collections.abc import Callable
@@ -33,7 +34,7 @@ def dial(server: Any, **options: Any) -> ClientConnection:
 def opened(server: Any, **others: Any) -> ClientConnection:
     socket = dial(server)
     command = {"dt": 0.001, "position": [[0.0, 0.0], [0.0001, 0.0]]}
-    socket.send(json.dumps({"format": "slide-stream/1", "command": command} | others))
+    socket.send(json.dumps({"format": "slide-stream/2", "command": command} | others))
     assert json.loads(socket.recv())["chunk"] == 100
     return socket
 
@@ -58,7 +59,7 @@ def test_remote_stream_gives_what_a_stream_in_the_process_gives(
     own = planner.stream(position, friction, limits=Limits(jerk=8000.0))
     with RemoteStream(server.url, position, friction, limits=Limits(jerk=8000.0), packed=packed) as remote:
         assert remote.model == {"name": planner.bundle.manifest.name, "sha256": planner.bundle.sha256}
-        pan, sliding = np.zeros((100, 4)), np.tile([*position[0], 0.0, 0.0], (100, 1))
+        pan, sliding = np.zeros((100, 6)), np.tile([*position[0], 0.0, 0.0], (100, 1))
         for _ in range(5):
             expected, got = own.step(pan, sliding), remote.step(pan, sliding)
             assert np.abs(got - expected).max() <= tolerance * 30.0
@@ -84,7 +85,9 @@ def test_missing_states_are_predicted_then_braked_and_a_start_begins_again(serve
 def test_stream_rests_past_the_end_of_its_command(server: Any) -> None:
     socket, statuses = opened(server, command={"dt": 0.001, "position": [[0.0, 0.0]] * 200}), []
     for sequence in range(5):
-        state = [[1e-6 * sequence, 0.0, 0.0, 0.0]]  # what never changes counts as missing
+        state = [
+            [1e-6 * sequence, 0.0, 0.0, 0.0]
+        ]  # of a level pan, x, y, vx, vy are enough; what never changes counts as missing
         socket.send(json.dumps({"sequence": sequence, "pan": state, "object": state}))
         chunk = json.loads(socket.recv())
         statuses.append(chunk["status"])
@@ -95,11 +98,16 @@ def test_stream_rests_past_the_end_of_its_command(server: Any) -> None:
 
 def test_packed_messages_come_back_the_same() -> None:
     random = np.random.default_rng(0)
-    pan, u = random.normal(size=(100, 4)), random.normal(size=(100, 2))
+    pan, u = random.normal(size=(100, 6)), random.normal(size=(100, 3))
     step = unpack_step(pack_step(Step(7, pan, None, 0.003)))
     assert step.pan is not None
     assert (step.sequence, step.object) == (7, None)
     assert np.allclose(step.pan, pan, atol=1e-6)
+    level = unpack_step(pack_step(Step(7, pan[:, [0, 1, 3, 4]], pan[:1, :4], 0.003)))
+    assert level.pan is not None
+    assert level.object is not None
+    assert np.allclose(level.pan, pan * [1, 1, 0, 1, 1, 0], atol=1e-6)
+    assert np.allclose(level.object, pan[:1, :4], atol=1e-6)
     chunk = unpack_chunk(pack_chunk(Chunk(8, u, u[:3], StreamStatus.BRAKING)))
     assert (chunk.sequence, chunk.status) == (8, StreamStatus.BRAKING)
     assert np.allclose(chunk.brake, u[:3], atol=1e-6)
@@ -114,14 +122,16 @@ def test_packed_messages_come_back_the_same() -> None:
         ('{"sequence": true}', "invalid"),
         ('{"sequence": 0, "pan": [[0, 0, 0, NaN]]}', "invalid"),
         ('{"sequence": 0, "pan": [[0, 0, 0]]}', "invalid"),
+        ('{"sequence": 0, "pan": [[0, 0, 0, 0, 0]]}', "invalid"),
+        ('{"sequence": 0, "object": [[0, 0, 0, 0, 0, 0]]}', "invalid"),
         ('{"sequence": 0, "pan": [[0, 0, 0, 0], [0, 0, 0, 0]]}', "invalid"),
         ('{"sequence": 0, "start": {"pan_position": [9, 9]}}', "invalid"),
         ('{"sequence": 0, "command": {"dt": 0.001, "position": [[0, 0], [0, 0], [1, 0]]}}', "invalid"),
         (b"", "malformed"),
         (b"\0" * 11, "malformed"),
-        (pack_step(Step(0, np.full(4, np.nan), None)), "malformed"),
-        (pack_step(Step(0, np.zeros(4), None)) + b"\0", "malformed"),
-        (pack_step(Step(3, np.zeros(4), None)), "invalid"),
+        (pack_step(Step(0, np.full(6, np.nan), None)), "malformed"),
+        (pack_step(Step(0, np.zeros(6), None)) + b"\0", "malformed"),
+        (pack_step(Step(3, np.zeros(6), None)), "invalid"),
     ],
 )
 def test_bad_step_ends_the_stream_with_a_problem(server: Any, message: str | bytes, name: str) -> None:
@@ -130,10 +140,41 @@ def test_bad_step_ends_the_stream_with_a_problem(server: Any, message: str | byt
 
 
 def test_bad_opening_is_a_problem(server: Any) -> None:
-    for message in ("", "{}", '{"format": "slide-stream/2"}', b"\xff", "[" * 10_000):
+    for message in ("", "{}", '{"format": "slide-stream/3"}', b"\xff", "[" * 10_000):
         assert refused(dial(server), message)["status"] in (400, 422)
     with pytest.raises(ServerError, match="start: start: the pan is 9"):
         RemoteStream(server.url, np.zeros((5, 2)), start=Start(pan_position=(9.0, 0.0)))
+
+
+def test_stream_of_a_level_pan_has_x_and_y_alone(server: Any) -> None:
+    command = {"dt": 0.001, "position": [[0.0, 0.0], [0.0001, 0.0]] * 100}
+    space = opened(server, command=command)
+    space.send(json.dumps({"sequence": 0, "pan": [[0.0] * 6]}))
+    for packed in (False, True):
+        socket = dial(server)
+        socket.send(json.dumps({"format": "slide-stream/1", "command": command, "packed": packed}))
+        assert json.loads(socket.recv())["format"] == "slide-stream/1"
+        if packed:
+            socket.send(struct.pack("<IfHH", 0, 0.0, 1, 0) + np.zeros(4, "<f4").tobytes())
+            head, values = struct.calcsize("<IHHHxx"), socket.recv()
+            assert isinstance(values, bytes)
+            u = np.frombuffer(values, "<f4", 200, head).reshape(100, 2)
+            brake = np.frombuffer(values, "<f4", -1, head + u.nbytes)
+            assert len(brake) % 2 == 0
+        else:
+            socket.send(json.dumps({"sequence": 0, "pan": [[0.0] * 4]}))
+            plane, answer = json.loads(socket.recv()), json.loads(space.recv())
+            assert np.shape(plane["brake"])[1] == 2
+            assert np.shape(answer["brake"])[1] == 3
+            assert [row[:2] for row in answer["acceleration"]] == plane["acceleration"]
+            assert not any(row[2] for row in answer["acceleration"])
+            u = np.array(plane["acceleration"])
+        assert u.shape == (100, 2)
+        socket.close()
+    space.close()
+    lifting = dial(server)
+    opening = {"format": "slide-stream/1", "command": command, "limits": {"height": 0.1}}
+    assert "the pan lifts by 0.1 m" in refused(lifting, json.dumps(opening))["detail"]
 
 
 def test_rate_size_and_silence_are_limited(run_server: Callable[..., Any]) -> None:
