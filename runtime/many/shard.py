@@ -43,13 +43,15 @@ TEMPORARY = ".tmp"
 
 PAN = {"pan_acceleration", "stop_acceleration", "pan_position", "pan_velocity"}
 
-PAN_AXES = 2
+PAN_AXES = 3
 """Columns of the pan's arrays."""
 
 FIGURES = (
     "tracking_rmse",
     "tracking_max",
     "pan_reach",
+    "height_max",
+    "speed_max",
     "acceleration_max",
     "jerk_max",
     "sliding_share",
@@ -209,7 +211,7 @@ def plans_table(planned: Sequence[tuple[Record, Plan]], states: bool) -> Any:
 
 
 def _vectors(arrays: Sequence[FloatArray], name: str) -> Any:
-    """Return the arrays (K, 2) as a column of lists of pairs, those of a pan that lifts (K, 3) as one of triples."""
+    """Return the arrays (K, 2) as a column of lists of pairs, those of the pan (K, 3) as one of triples."""
     import pyarrow
 
     axes = PAN_AXES if name in PAN else 2
