@@ -174,7 +174,12 @@ class Follower:
         following = self._planner.stream(command, job.friction, limits=job.limits, start=job.start)
         manifest = self._planner.bundle.manifest
         model = {"name": manifest.name, "sha256": self._planner.bundle.sha256}
-        opened = {"format": STREAM_FORMAT if axes == AXES else LEVEL_STREAM_FORMAT, "chunk": self._chunk, "dt": manifest.dt, "model": model}
+        opened = {
+            "format": STREAM_FORMAT if axes == AXES else LEVEL_STREAM_FORMAT,
+            "chunk": self._chunk,
+            "dt": manifest.dt,
+            "model": model,
+        }
         await self._socket.send_text(orjson.dumps(opened).decode())
 
         limit, expected = RateLimit(self._settings.stream_rate), 0

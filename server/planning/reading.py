@@ -91,7 +91,7 @@ def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob
 
 
 def stream(options: ReaderOptions, body: bytes) -> Steps:
-    """Read what opens a stream: the Command, the PlanJob of it, whether messages are packed, and along how many axes."""
+    """Read what opens a stream: the Command, its PlanJob, whether messages are packed, and along how many axes."""
     _check_positions(body, options)
     asked = read(StreamRequest, body)
     yield
