@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from runtime.arms.description import ArmDescription
 from runtime.documents.checks import FloatArray
 from runtime.physics.law import DT
 
@@ -71,10 +72,21 @@ PAPER_CONTROL = ControlSettings(feed_forward=False, gravity_terms=False)
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Largest torques (N m) and speeds (rad/s) of the joints, each (n,)."""
+    """Largest torques (N m) and speeds (rad/s) of the joints, and the ends of their ranges (rad), each (n,).
+
+    What is not known is infinite. Torques are cut, and joints that are too fast are held back. That a joint is out of
+    its range is said.
+    """
 
     torque: FloatArray
     speed: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    @classmethod
+    def of(cls, arm: ArmDescription) -> JointLimits:
+        """Return the limits of an arm."""
+        return cls(arm.limit("torque"), arm.limit("speed"), *arm.range)
 
 
 class ArmState(NamedTuple):
@@ -163,7 +175,8 @@ def control(
         free += state.bias
     torque = np.clip(free, -limits.torque, limits.torque)
 
-    held_back = _names(singular, too_fast, torque != free)
+    beyond = (state.theta < limits.lower) | (state.theta > limits.upper)
+    held_back = _names(singular, too_fast, torque != free, beyond)
     return ControlTick(torque, held_back, Memory(state, torque, disturbance))
 
 
@@ -250,10 +263,11 @@ def _limit_speed(wanted: FloatArray, speed: FloatArray, limit: FloatArray) -> tu
     return cut, cut != wanted
 
 
-def _names(singular: bool, too_fast: FloatArray, too_strong: FloatArray) -> tuple[str, ...]:
-    if not (singular or too_fast.any() or too_strong.any()):
+def _names(singular: bool, too_fast: FloatArray, too_strong: FloatArray, beyond: FloatArray) -> tuple[str, ...]:
+    if not (singular or too_fast.any() or too_strong.any() or beyond.any()):
         return ()
     names = ["reach"] if singular else []
     names += [f"speed of joint {joint + 1}" for joint in np.flatnonzero(too_fast)]
     names += [f"torque of joint {joint + 1}" for joint in np.flatnonzero(too_strong)]
+    names += [f"range of joint {joint + 1}" for joint in np.flatnonzero(beyond)]
     return tuple(names)

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arm.controller import ArmState, JointLimits
+from runtime.arm.controller import ArmState
 from runtime.documents.checks import FloatArray
 
 Image = NDArray[np.uint8]
@@ -53,14 +53,13 @@ class Engine(Protocol):
     """An arm, the pan in its hand and an object on it, moved by joint torques.
 
     Attributes:
-        home: where the pan begins; the columns of its attitude are the axes of plans and measurements.
-        posture: (n,) joint angles there (rad).
-        limits: of the joints.
+        posture: (n,) joint angles at home (rad).
+        home: where the pan is there; the columns of its attitude are the axes of plans and measurements. Known from
+            the first start on.
     """
 
-    home: Pose
     posture: FloatArray
-    limits: JointLimits
+    home: Pose
 
     def start(self, object_position: FloatArray) -> None:
         """Start afresh: the arm at home and at rest, the object on the pan at (2,) relative to its centre (m)."""

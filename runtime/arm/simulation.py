@@ -8,12 +8,15 @@ import numpy as np
 
 from runtime.arm import geometry as g
 from runtime.arm.bullet.engine import BulletEngine
-from runtime.arm.controller import Memory, TaskCommand, control, rotation_vector
+from runtime.arm.controller import JointLimits, Memory, TaskCommand, control, rotation_vector
 from runtime.arm.engine import Camera, Engine, Size
 from runtime.arm.interface import Measured, ObjectStatus, PanCommand
 from runtime.arm.mujoco.engine import MujocoEngine
 from runtime.arm.simulated import Simulated, Simulator
+from runtime.arms.description import ArmDescription
+from runtime.arms.load import load_arm
 from runtime.documents.checks import FloatArray
+from runtime.errors import InputError
 from runtime.physics.law import DT
 
 SETTLING = 0.4
@@ -32,13 +35,24 @@ NOISE_WINDOW = 0.02
 """Time over which a camera's positions are turned into velocities (s): velocity noise is position noise over this."""
 
 
-def engine_of(settings: Simulated) -> Engine:
-    """Return the physics engine that the settings name, with the paper's arm.
+PAPER_ARM = "paper"
+"""The arm of Section V."""
+
+
+def engine_of(settings: Simulated, arm: ArmDescription, home: FloatArray) -> Engine:
+    """Return the physics engine that the settings name.
+
+    Args:
+        settings: what is varied.
+        arm: holds the pan.
+        home: (n,) joint angles with the pan level where it begins (rad).
 
     Raises:
+        InputError: the engine refuses the arm.
         MissingExtraError: it is not installed.
     """
-    return BulletEngine(settings) if settings.simulator is Simulator.PYBULLET else MujocoEngine(settings)
+    kind = BulletEngine if settings.simulator is Simulator.PYBULLET else MujocoEngine
+    return kind(settings, arm, home)
 
 
 class SimulatedArm:
@@ -46,14 +60,25 @@ class SimulatedArm:
 
     Args:
         settings: what is varied.
+        arm: holds the pan; the paper's if None.
+        home: (n,) joint angles with the pan level where it begins (rad); the arm's own if None.
 
     Raises:
+        InputError: the arm has no home and none is given, or the engine refuses it.
         MissingExtraError: the simulator is not installed.
     """
 
-    def __init__(self, settings: Simulated = Simulated()) -> None:
+    def __init__(
+        self, settings: Simulated = Simulated(), arm: ArmDescription | None = None, home: FloatArray | None = None
+    ) -> None:
         self.settings = settings
-        self.engine = engine_of(settings)
+        self.arm = load_arm(PAPER_ARM) if arm is None else arm
+        if home is None:
+            if self.arm.home is None:
+                raise InputError(f"arm {self.arm.name} has no home: find_place gives one")
+            home = np.array(self.arm.home)
+        self.engine = engine_of(settings, self.arm, home)
+        self._limits = JointLimits.of(self.arm)
 
     def reset(self, object_position: FloatArray) -> Measured:
         """Start the engine, put the object on the pan and hold still until all is at rest; see `Arm`."""
@@ -70,7 +95,7 @@ class SimulatedArm:
     def step(self, command: PanCommand) -> Measured:
         """Control the pan for one sample; see `Arm`."""
         engine, settings = self.engine, self.settings
-        tick = control(self._task(command), self._state, self._memory, settings.control, engine.limits)
+        tick = control(self._task(command), self._state, self._memory, settings.control, self._limits)
         rubbing = settings.joint_friction * np.tanh(self._state.theta_velocity / FRICTION_ONSET)
         engine.advance(tick.torque - rubbing)
         self._memory, self._state = tick.memory, engine.arm()

@@ -6,27 +6,25 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from runtime.arm import geometry as g
 from runtime.arm.bullet.camera import BulletCamera
-from runtime.arm.controller import ArmState, JointLimits
+from runtime.arm.bullet.urdf import arm_urdf, pan_in_hand
+from runtime.arm.controller import ArmState
 from runtime.arm.engine import Body, Pose, Size
 from runtime.arm.simulated import Simulated
-from runtime.arm.urdf import ARM_URDF
+from runtime.arms.description import ArmDescription
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError, MissingExtraError, install_line
 from runtime.physics.law import DT, GRAVITY
 
 SUBSTEPS = 4
 """Steps of the physics engine in one sample."""
-
-JOINTS = range(6)
-PAN_LINK = 5
-PAN_CENTRE = [0.0, 0.0, g.HAND]
-"""The pan in the frame of its link (m), which is where the Jacobian is asked for; the link state is of the inertia."""
 
 OBJECT_COLOUR = (0.85, 0.25, 0.1, 1.0)
 GROUND_COLOUR = (0.62, 0.68, 0.64, 1.0)
@@ -69,50 +67,59 @@ class BulletEngine:
 
     Args:
         settings: what is varied.
+        arm: holds the pan.
+        home: (n,) joint angles with the pan level where it begins (rad).
 
     Raises:
         MissingExtraError: pybullet is not installed.
     """
 
-    def __init__(self, settings: Simulated) -> None:
+    def __init__(self, settings: Simulated, arm: ArmDescription, home: FloatArray) -> None:
         self.settings = settings
         self.bullet = import_pybullet()
         self.client = self.body = self.object_body = -1
-        self.home = Pose(np.array(g.HOME_POSITION), np.eye(3))
-        self.posture = np.array(g.home_angles())
-        self.limits = JointLimits(np.array(g.TORQUE_LIMITS), np.array(g.SPEED_LIMITS))
-        self._hand_to_pan = np.array(g.PAN_IN_HAND)
+        self.posture, self.home = home, Pose(np.zeros(3), np.eye(3))
+        self._urdf, self._joints, self._hand = arm_urdf(arm), range(len(arm)), len(arm) - 1
+        held = pan_in_hand(arm)
+        self._held = Pose(np.array(held.position), held.rotation)
 
     def start(self, object_position: FloatArray) -> None:
         """Start the simulator, with the arm at home; see `Engine`."""
         self._connect()
         self.body = self._load_arm()
+        self.home = self.pan()
         self.object_body = self._place_object(object_position)
 
     def arm(self) -> ArmState:
         """Return the arm as it is now; see `Engine`."""
         bullet, client, arm = self.bullet, self.client, self.body
-        joints = bullet.getJointStates(arm, JOINTS, physicsClientId=client)
+        joints = bullet.getJointStates(arm, self._joints, physicsClientId=client)
         theta = [joint[0] for joint in joints]
         speed = [joint[1] for joint in joints]
-        zero = [0.0] * len(JOINTS)
-        jacobian = bullet.calculateJacobian(arm, PAN_LINK, PAN_CENTRE, theta, speed, zero, physicsClientId=client)
-        pan = self.pan()
+        zero, origin = [0.0] * len(theta), [0.0, 0.0, 0.0]
+        of_link = bullet.calculateJacobian(arm, self._hand, origin, theta, speed, zero, physicsClientId=client)
+        jacobian, pan = np.array(of_link).reshape(6, -1), self.pan()
+        # Asked for another point than the link's origin, it would turn that point with the axes of the link's inertia.
+        lever = pan.rotation @ self._held.rotation.T @ self._held.position
+        jacobian[:3] += np.cross(jacobian[3:], lever, axis=0, axisb=0)
         return ArmState(
             theta=np.array(theta),
             theta_velocity=np.array(speed),
             position=pan.position,
             rotation=pan.rotation,
-            jacobian=np.array(jacobian).reshape(6, 6),
+            jacobian=jacobian,
             inertia=np.array(bullet.calculateMassMatrix(arm, theta, physicsClientId=client)),
             bias=np.array(bullet.calculateInverseDynamics(arm, theta, speed, zero, physicsClientId=client)),
         )
 
     def pan(self) -> Pose:
         """Return where the pan is now."""
-        link = self.bullet.getLinkState(self.body, PAN_LINK, computeForwardKinematics=True, physicsClientId=self.client)
-        rotation = np.array(self.bullet.getMatrixFromQuaternion(link[1])).reshape(3, 3)
-        return Pose(np.array(link[0]), rotation @ self._hand_to_pan)
+        link = self.bullet.getLinkState(
+            self.body, self._hand, computeForwardKinematics=True, physicsClientId=self.client
+        )
+        position, attitude = link[4:6]  # of the link's frame; the first two are of its inertia
+        rotation = np.array(self.bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3)
+        return Pose(np.array(position) + rotation @ self._held.position, rotation @ self._held.rotation)
 
     def object(self) -> Body:
         """Return the object as it is now; see `Engine`."""
@@ -126,7 +133,7 @@ class BulletEngine:
         """Advance by one sample; see `Engine`."""
         bullet, client = self.bullet, self.client
         bullet.setJointMotorControlArray(
-            self.body, JOINTS, bullet.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=client
+            self.body, self._joints, bullet.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=client
         )
         bullet.stepSimulation(physicsClientId=client)
 
@@ -181,28 +188,32 @@ class BulletEngine:
         """Load the arm at home, its motors off and nothing damped, so that torques alone move it."""
         bullet, client = self.bullet, self.client
         flags = bullet.URDF_USE_INERTIA_FROM_FILE | bullet.URDF_USE_IMPLICIT_CYLINDER
-        arm: int = bullet.loadURDF(str(ARM_URDF), useFixedBase=True, flags=flags, physicsClientId=client)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "arm.urdf"
+            path.write_text(self._urdf, encoding="utf-8")
+            arm: int = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
         for joint, angle in enumerate(self.posture.tolist()):
             bullet.resetJointState(arm, joint, angle, physicsClientId=client)
-        for link in range(-1, len(JOINTS)):
+        for link in (-1, *self._joints):
             bullet.changeDynamics(
                 arm, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, physicsClientId=client
             )
-        bullet.changeDynamics(arm, PAN_LINK, lateralFriction=g.PAN_FRICTION, physicsClientId=client)
+        bullet.changeDynamics(arm, self._hand, lateralFriction=g.PAN_FRICTION, physicsClientId=client)
         bullet.setJointMotorControlArray(
-            arm, JOINTS, bullet.VELOCITY_CONTROL, forces=[0.0] * len(JOINTS), physicsClientId=client
+            arm, self._joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(self._joints), physicsClientId=client
         )
         return arm
 
     def _place_object(self, position: FloatArray) -> int:
         bullet, client = self.bullet, self.client
         size = {"radius": g.OBJECT_RADIUS, "physicsClientId": client}
-        x, y, z = g.HOME_POSITION
+        home, axes = self.home
+        place = home + axes @ [float(position[0]), float(position[1]), 0.5 * g.OBJECT_HEIGHT]
         placed: int = bullet.createMultiBody(
             self.settings.object_mass,
             bullet.createCollisionShape(bullet.GEOM_CYLINDER, height=g.OBJECT_HEIGHT, **size),
             bullet.createVisualShape(bullet.GEOM_CYLINDER, length=g.OBJECT_HEIGHT, rgbaColor=OBJECT_COLOUR, **size),
-            basePosition=[x + float(position[0]), y + float(position[1]), z + 0.5 * g.OBJECT_HEIGHT],
+            basePosition=place.tolist(),
             physicsClientId=client,
         )
         bullet.changeDynamics(

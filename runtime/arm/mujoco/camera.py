@@ -11,6 +11,7 @@ import numpy as np
 from runtime.arm import geometry as g
 from runtime.arm.engine import Image, Size
 from runtime.arm.mujoco.library import gl_context
+from runtime.arms.model import PAN_SITE
 from runtime.documents.checks import FloatArray
 
 WIDTH, HEIGHT = 1280, 720
@@ -59,7 +60,7 @@ class MujocoCamera:
         self.size = size or (WIDTH, HEIGHT)
         self._world, self._command = world, command
         mujoco, model = world.mujoco, world.model
-        self._site = model.site("pan centre").id
+        self._site = model.site(PAN_SITE).id
         self._gl = gl_context(mujoco, *self.size)
         self._gl.make_current()
         model.vis.global_.offwidth, model.vis.global_.offheight = self.size

@@ -2,41 +2,24 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from typing import Any
 
 import numpy as np
 
 from runtime.arm import geometry as g
-from runtime.arm.controller import ArmState, JointLimits
+from runtime.arm.controller import ArmState
 from runtime.arm.engine import Body, Pose, Size
 from runtime.arm.mujoco.camera import MujocoCamera
 from runtime.arm.mujoco.contact import SUBSTEPS
 from runtime.arm.mujoco.library import import_mujoco
-from runtime.arm.mujoco.scene import HeldPan, build
+from runtime.arm.mujoco.scene import build
 from runtime.arm.simulated import Simulated
-from runtime.arm.urdf import ARM_URDF
+from runtime.arms.description import ArmDescription
+from runtime.arms.model import PAN_SITE
 from runtime.documents.checks import FloatArray
 
 SHOWN_EVERY = 16
 """Samples between two pictures in the window: 60 a second."""
-
-
-def paper_arm(mujoco: Any) -> HeldPan:
-    """Return the arm of Section V."""
-    document = ET.parse(ARM_URDF).getroot()
-    for link in document.iter("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(shape)  # the pan is added by the scene, the links are drawn by it
-    return HeldPan(
-        spec=mujoco.MjSpec.from_string(ET.tostring(document, encoding="unicode")),
-        joints=tuple(f"joint{index + 1}" for index in range(6)),
-        hand="pan",
-        mounted=Pose(np.array([0.0, 0.0, g.HAND]), np.array(g.PAN_IN_HAND)),
-        home=Pose(np.array(g.HOME_POSITION), np.eye(3)),
-        posture=np.array(g.home_angles()),
-        limits=JointLimits(np.array(g.TORQUE_LIMITS), np.array(g.SPEED_LIMITS)),
-    )
 
 
 class MujocoEngine:
@@ -44,22 +27,24 @@ class MujocoEngine:
 
     Args:
         settings: what is varied.
+        arm: holds the pan.
+        home: (n,) joint angles with the pan level where it begins (rad).
 
     Raises:
+        InputError: mujoco refuses the arm.
         MissingExtraError: mujoco is not installed.
     """
 
-    def __init__(self, settings: Simulated) -> None:
+    def __init__(self, settings: Simulated, arm: ArmDescription, home: FloatArray) -> None:
         self.settings = settings
         self.mujoco = import_mujoco()
-        arm = paper_arm(self.mujoco)
-        self.home, self.posture, self.limits = arm.home, arm.posture, arm.limits
+        self.posture, self.home = home, Pose(np.zeros(3), np.eye(3))
         self.model = build(self.mujoco, arm, settings.friction, settings.object_mass)
         self.data = self.mujoco.MjData(self.model)
-        joints = [self.model.joint(name) for name in arm.joints]
+        joints = [self.model.joint(name) for name in arm.joint_names]
         self._angles = np.array([joint.qposadr[0] for joint in joints])
         self._speeds = np.array([joint.dofadr[0] for joint in joints])
-        self._site = self.model.site("pan centre").id
+        self._site = self.model.site(PAN_SITE).id
         self._object = self.model.body("object").id
         placed = self.model.joint(self.model.body_jntadr[self._object])
         self._placed, self._moving = int(placed.qposadr[0]), int(placed.dofadr[0])
@@ -73,7 +58,9 @@ class MujocoEngine:
         self.data = data = mujoco.MjData(model)
         self._count = 0
         data.qpos[self._angles] = self.posture
-        home, axes = self.home
+        mujoco.mj_kinematics(model, data)
+        place, attitude = data.site_xpos[self._site], data.site_xmat[self._site]
+        home, axes = self.home = Pose(place.copy(), attitude.reshape(3, 3).copy())
         offset = axes @ [float(object_position[0]), float(object_position[1]), 0.5 * g.OBJECT_HEIGHT]
         data.qpos[self._placed : self._placed + 3] = home + offset
         mujoco.mj_step1(model, data)

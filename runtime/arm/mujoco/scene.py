@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from runtime.arm import geometry as g
-from runtime.arm.controller import JointLimits
-from runtime.arm.engine import Pose
 from runtime.arm.mujoco import contact
+from runtime.arms.description import ArmDescription, Frame
+from runtime.arms.model import PAN_BODY, arm_spec
 from runtime.documents.checks import FloatArray
+from runtime.errors import InputError
 
 BOTTOM, RIM, GROUND = 1, 2, 4
 """What the object touches: the pan's bottom with its balls, the rim and the ground with its side."""
@@ -36,54 +37,33 @@ FLARE = 0.006
 SEGMENTS = 72
 """Corners of the circles the pan is drawn with."""
 
-THICKEST, THINNEST = 0.065, 0.038
-"""Radii of the first and of the last link, where they are drawn by us (m)."""
-
 HANDLE_RADIUS = 0.012
 """Radius of the pan's handle (m)."""
 
 
-class HeldPan(NamedTuple):
-    """An arm of MuJoCo, and how it holds the pan.
-
-    Attributes:
-        spec: an MjSpec with the arm alone.
-        joints: names of its joints from the base to the hand.
-        hand: name of the body that holds the pan.
-        mounted: the pan's centre and attitude in that body.
-        home: where the pan begins in the world.
-        posture: (n,) joint angles there (rad).
-        limits: of the joints.
-    """
-
-    spec: Any
-    joints: tuple[str, ...]
-    hand: str
-    mounted: Pose
-    home: Pose
-    posture: FloatArray
-    limits: JointLimits
-
-
-def build(mujoco: Any, arm: HeldPan, friction: float, object_mass: float) -> Any:
+def build(mujoco: Any, arm: ArmDescription, friction: float, object_mass: float) -> Any:
     """Return the model of the whole scene.
 
     Args:
         mujoco: the module.
-        arm: what holds the pan; its spec is built upon.
+        arm: holds the pan.
         friction: coefficient between pan and object.
         object_mass: (kg).
+
+    Raises:
+        InputError: mujoco refuses the arm.
     """
-    spec = arm.spec
-    spec.compiler.discardvisual = False  # true for what was read from a URDF
+    spec = arm_spec(arm)
     contact.set_options(mujoco, spec.option)
-    for geom in spec.geoms:
-        geom.contype = geom.conaffinity = 0
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION  # torques are applied to the joints as they are
     _add_looks(mujoco, spec)
-    _draw_links(mujoco, spec, arm)
+    _dress_arm(mujoco, spec, arm)
     _add_pan(mujoco, spec, arm)
     _add_object(mujoco, spec.worldbody, friction, object_mass)
-    return spec.compile()
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(f"arm {arm.name}: {' '.join(str(error).split())}") from error
 
 
 def _add_looks(mujoco: Any, spec: Any) -> None:
@@ -133,31 +113,27 @@ def _add_looks(mujoco: Any, spec: Any) -> None:
     spec.stat.extent = 1.5
 
 
-def _draw_links(mujoco: Any, spec: Any, arm: HeldPan) -> None:
-    """Draw an arm that has no shapes of its own: a capsule from each joint to the next, and a ball at each joint."""
-    chain = [joint.parent for joint in spec.joints]
-    if any(body.geoms for body in chain):
-        return
-    kind = mujoco.mjtGeom
-    before = THICKEST
-    for index, body in enumerate(chain):
-        radius = THICKEST + (THINNEST - THICKEST) * index / max(1, len(chain) - 1)
-        last = index + 1 == len(chain)
-        end = np.array(arm.mounted.position if last else chain[index + 1].pos)
-        _show(body, kind.mjGEOM_SPHERE, "joint", size=[1.12 * before, 0, 0])
-        if not last and np.linalg.norm(end) > radius:
-            _show(body, kind.mjGEOM_CAPSULE, "link", fromto=[0.0, 0.0, 0.0, *end], size=[radius, 0, 0])
-            before = radius
-    base = np.array(chain[0].pos)
-    if np.linalg.norm(base) > THICKEST:
-        _show(spec.worldbody, kind.mjGEOM_CYLINDER, "link", fromto=[0.0, 0.0, 0.0, *base], size=[1.25 * THICKEST, 0, 0])
+def _dress_arm(mujoco: Any, spec: Any, arm: ArmDescription) -> None:
+    """Colour the links, draw the base, and let the joints end where their ranges do."""
+    for geom in spec.geoms:
+        if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE:
+            geom.material = "joint"
+        elif geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            geom.material = "link"
+    base = arm.joints[0]
+    if math.hypot(*base.frame.position) > base.radius:
+        rod = {"fromto": [0.0, 0.0, 0.0, *base.frame.position], "size": [1.25 * base.radius, 0.0, 0.0]}
+        _show(spec.worldbody, mujoco.mjtGeom.mjGEOM_CYLINDER, "link", **rod)
+    for joint in arm.joints:
+        if joint.lower is not None and joint.upper is not None:
+            moved = spec.joint(joint.name)
+            moved.limited, moved.range = mujoco.mjtLimited.mjLIMITED_TRUE, [joint.lower, joint.upper]
 
 
-def _add_pan(mujoco: Any, spec: Any, arm: HeldPan) -> None:
-    """Add the pan, without a mass of its own: the last link of an arm has it."""
+def _add_pan(mujoco: Any, spec: Any, arm: ArmDescription) -> None:
+    """Add the shapes of the pan to its body, which has its mass."""
     kind = mujoco.mjtGeom
-    pan = spec.body(arm.hand).add_body(name="held pan", pos=arm.mounted.position, quat=_quaternion(mujoco, arm.mounted))
-    pan.add_site(name="pan centre")
+    pan = spec.body(PAN_BODY)
     touching = {"condim": 3, "conaffinity": 0, "mass": 0.0, "group": 3}
     half = 0.5 * g.PAN_THICKNESS
     pan.add_geom(
@@ -175,10 +151,10 @@ def _add_pan(mujoco: Any, spec: Any, arm: HeldPan) -> None:
             contype=RIM,
             **touching,
         )
-    _draw_pan(mujoco, spec, pan, arm.mounted)
+    _draw_pan(mujoco, spec, pan, arm.mount)
 
 
-def _draw_pan(mujoco: Any, spec: Any, pan: Any, mounted: Pose) -> None:
+def _draw_pan(mujoco: Any, spec: Any, pan: Any, mount: Frame) -> None:
     """Draw the pan as a body of revolution, and its handle from the hand to the rim."""
     radius, height, below = g.PAN_RADIUS, g.RIM_HEIGHT, -g.PAN_THICKNESS
     inside = [(radius - 0.002, 0.0), (radius + 0.001, 0.003), (radius + FLARE, height)]
@@ -187,7 +163,7 @@ def _draw_pan(mujoco: Any, spec: Any, pan: Any, mounted: Pose) -> None:
     mesh = spec.add_mesh(name="pan", uservert=vertices.ravel(), userface=faces.ravel())
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     _show(pan, mujoco.mjtGeom.mjGEOM_MESH, "pan", meshname="pan")
-    hand = -mounted.rotation.T @ mounted.position
+    hand = -mount.rotation.T @ np.array(mount.position)
     across = math.hypot(hand[0], hand[1])
     if across > radius:
         rim = np.array([*(hand[:2] * (radius + FLARE + WALL) / across), 0.5 * height])
@@ -241,9 +217,3 @@ def _add_object(mujoco: Any, world: Any, friction: float, mass: float) -> None:
 def _show(body: Any, kind: Any, material: str, **shape: Any) -> None:
     """Add a shape that is only seen."""
     body.add_geom(type=kind, material=material, contype=0, conaffinity=0, mass=0.0, group=1, **shape)
-
-
-def _quaternion(mujoco: Any, pose: Pose) -> FloatArray:
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(pose.rotation).ravel())
-    return quaternion
