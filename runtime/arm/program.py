@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
 from runtime.arm.events import Event
 from runtime.arm.film import check_ffmpeg, check_film, filming
@@ -21,6 +23,8 @@ from runtime.arm.results import Results, measured_track
 from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, execute, open_loop
 from runtime.arm.simulated import Simulated, Simulator
 from runtime.arm.simulation import SimulatedArm
+from runtime.arms.description import ArmDescription
+from runtime.arms.options import ArmChoice, choose
 from runtime.client import RemoteStream
 from runtime.documents.files import reading
 from runtime.documents.writing import check_writable
@@ -57,13 +61,20 @@ class Outcome:
     document: dict[str, Any]
 
 
-def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks: Sequence[Hook] = ()) -> Outcome:
-    """Execute a plan on the simulated arm.
+def run_on_arm(
+    plan_file: Path,
+    options: ArmOptions,
+    report: Path | None = None,
+    choice: ArmChoice = ArmChoice(),
+    hooks: Sequence[Hook] = (),
+) -> Outcome:
+    """Execute a plan on a simulated arm.
 
     Args:
         plan_file: the plan.
         options: what was asked for.
         report: page to write, or None.
+        choice: which arm, and where it holds the pan; the paper's if none is named.
         hooks: called before each sample, after the events.
 
     Raises:
@@ -73,10 +84,11 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks:
     """
     _check_outputs(options, report)
     events = [Event.parse(text) for text in options.disturb]
-    arm = SimulatedArm(_simulated(options))
+    settings = _simulated(options)
     plan = Plan.load(plan_file)
     with reading(str(plan_file)):
         check_plan(plan)
+    arm = _arm(settings, choice)
     hooks = [*(event.hook(arm.engine) for event in events), *hooks]
     with ExitStack() as stack:
         source, remarks = _source(plan, options, stack)
@@ -91,16 +103,35 @@ def run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, hooks:
     document = {
         "plan": str(plan_file),
         "simulator": arm.settings.simulator.value,
+        "arm": arm.arm.name,
         "loop": _loop(options),
         "control": "paper" if options.paper_control else "feed-forward",
         "friction": arm.settings.friction,
         "interrupted": recording.interrupted,
         "results": None if results is None else results.to_dict(),
+        "limits": {} if results is None else _shares(results, arm.arm),
         "video": None if options.video is None else str(options.video),
         "report": None if report is None else str(report),
     }
     notes = [] if results is None else results.notes
     return Outcome(plan, results, notes, remarks, recording.interrupted, document)
+
+
+def _arm(settings: Simulated, choice: ArmChoice) -> SimulatedArm:
+    if choice.arm is None:
+        return SimulatedArm(settings)
+    model, place = choose(choice)
+    return SimulatedArm(settings, model.arm, place.home)
+
+
+def _shares(results: Results, arm: ArmDescription) -> dict[str, float]:
+    """Return what the worst joint came to of its limits, by what they limit; those that are not known are left out."""
+    shares = {}
+    for name, peaks in (("torque", results.torque_peaks), ("speed", results.speed_peaks)):
+        limit = arm.limit(name)
+        if np.isfinite(limit).any():
+            shares[name] = float((np.array(peaks) / limit).max())
+    return shares
 
 
 def _check_outputs(options: ArmOptions, report: Path | None) -> None:

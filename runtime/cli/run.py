@@ -12,6 +12,7 @@ import typer
 
 from runtime.arm.options import ArmOptions
 from runtime.arm.simulated import Simulator
+from runtime.arms.options import ArmChoice
 from runtime.assess.assess import find_off_pan
 from runtime.cli.console import MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import FrictionOptions, chosen, conclude, reach_of_limit
@@ -36,37 +37,45 @@ def slide_run(
         Path | None, typer.Option("--report", help="Page to write, with the motion animated.", metavar="HTML")
     ] = None,
     pybullet: Annotated[bool, typer.Option("--pybullet", help="The same as --simulator pybullet.")] = False,
-    arm: ArmOptions = ArmOptions(),
+    options: ArmOptions = ArmOptions(),
+    choice: ArmChoice = ArmChoice(),
     as_json: AsJson = False,
 ) -> None:
     """Replay a plan on the law of friction, maybe under another friction than it was made for, or execute it on a
     simulated arm.
     """
     if pybullet:
-        if arm.simulator not in (None, Simulator.PYBULLET):
-            raise InputError(f"--pybullet and --simulator {arm.simulator}: one of them")
-        arm = replace(arm, simulator=Simulator.PYBULLET)
-    if arm.simulator is not None:
+        if options.simulator not in (None, Simulator.PYBULLET):
+            raise InputError(f"--pybullet and --simulator {options.simulator}: one of them")
+        options = replace(options, simulator=Simulator.PYBULLET)
+    if choice.arm is None and choice.given:
+        raise InputError(f"{choice.given[0]} needs --arm")
+    if choice.arm is not None and options.simulator is None:
+        options = replace(options, simulator=Simulator.MUJOCO)
+    if options.simulator is not None:
         if replayed != FrictionOptions():
             raise InputError("--static and --kinetic are of the replay: give --friction with --simulator")
-        _run_on_arm(plan_file, arm, report, as_json)
+        _run_on_arm(plan_file, options, choice, report, as_json)
     else:
-        arm.refuse_without_simulator()
+        options.refuse_without_simulator()
         _replay(plan_file, replayed, report, as_json)
 
 
-def _run_on_arm(plan_file: Path, options: ArmOptions, report: Path | None, as_json: bool) -> None:
+def _run_on_arm(plan_file: Path, options: ArmOptions, choice: ArmChoice, report: Path | None, as_json: bool) -> None:
     from runtime.arm.program import run_on_arm
 
-    outcome = run_on_arm(plan_file, options, report)
+    outcome = run_on_arm(plan_file, options, report, choice)
     for remark in outcome.remarks:
         say("slide-run", f"note: {remark}")
     if as_json:
         print_json(outcome.document)
     elif outcome.results is not None:
-        written = [(name, str(path)) for name, path in (("video", options.video), ("report", report)) if path]
-        where = f"the arm in {outcome.document['simulator']}"
-        print_table(f"{plan_file} on {where}, {outcome.document['loop']}", [*outcome.results.rows, *written])
+        document = outcome.document
+        shares = [f"{name} {share:.0%}" for name, share in document["limits"].items()]
+        more = [("of the joints' limits", ", ".join(shares))] if shares else []
+        more += [(name, str(path)) for name, path in (("video", options.video), ("report", report)) if path]
+        title = f"{plan_file} on arm {document['arm']} in {document['simulator']}, {document['loop']}"
+        print_table(title, [*outcome.results.rows, *more])
     if outcome.interrupted:
         say("slide-run", "interrupted; what was recorded until then is kept")
         raise typer.Exit(INTERRUPTED)

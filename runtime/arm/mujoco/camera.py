@@ -17,9 +17,11 @@ from runtime.documents.checks import FloatArray
 WIDTH, HEIGHT = 1280, 720
 """Size of a picture (pixels)."""
 
-TARGET = (0.36, 0.0, 0.38)
-DISTANCE, AZIMUTH, ELEVATION = 1.35, 138.0, -28.0
-"""Where the camera looks (m), and from where (m, degrees)."""
+AZIMUTH, ELEVATION = 138.0, -28.0
+"""Direction in which the camera looks (degrees)."""
+
+DISTANCE = 1.25
+"""Distance of the camera over the diagonal of the box around arm and pan, into whose middle it looks."""
 
 COMMAND_COLOUR = (0.20, 0.62, 1.0, 1.0)
 TARGET_COLOUR = (0.15, 0.85, 0.35, 1.0)
@@ -71,7 +73,7 @@ class MujocoCamera:
         self._scene = mujoco.MjvScene(model, MAX_SHAPES)
         self._options = mujoco.MjvOption()
         self._view = mujoco.MjvCamera()
-        self._view.lookat, self._view.distance = TARGET, DISTANCE
+        self._view.lookat, self._view.distance = self._frame_arm()
         self._view.azimuth, self._view.elevation = AZIMUTH, ELEVATION
 
     def picture(self, k: int) -> Image:
@@ -89,6 +91,15 @@ class MujocoCamera:
         mujoco.mjr_render(rectangle, self._scene, self._context)
         mujoco.mjr_readPixels(image, None, rectangle, self._context)
         return image[::-1]
+
+    def _frame_arm(self) -> tuple[FloatArray, float]:
+        """Return the middle (3,) of the box around base, joints and pan, where they are now, and its distance (m)."""
+        data = self._world.data
+        pan = data.site_xpos[self._site]
+        joints = self._world.model.jnt_type != self._world.mujoco.mjtJoint.mjJNT_FREE
+        points = np.vstack([np.zeros(3), data.xanchor[joints], pan + g.PAN_RADIUS, pan - g.PAN_RADIUS])
+        low, high = points.min(axis=0), points.max(axis=0)
+        return 0.5 * (low + high), DISTANCE * float(np.linalg.norm(high - low))
 
     def _draw_command(self, command: FloatArray, k: int) -> None:
         """Draw the path on the pan, and a ball above where the object should be."""

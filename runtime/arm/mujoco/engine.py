@@ -12,7 +12,7 @@ from runtime.arm.engine import Body, Pose, Size
 from runtime.arm.mujoco.camera import MujocoCamera
 from runtime.arm.mujoco.contact import SUBSTEPS
 from runtime.arm.mujoco.library import import_mujoco
-from runtime.arm.mujoco.scene import build
+from runtime.arm.mujoco.scene import build, stand_on_ground
 from runtime.arm.simulated import Simulated
 from runtime.arms.description import ArmDescription
 from runtime.arms.model import PAN_SITE
@@ -50,6 +50,9 @@ class MujocoEngine:
         self._placed, self._moving = int(placed.qposadr[0]), int(placed.dofadr[0])
         self._window: Any = None
         self._count = 0
+        self.data.qpos[self._angles] = home  # so that a camera that is made now finds the arm
+        self.mujoco.mj_kinematics(self.model, self.data)
+        stand_on_ground(self.model, self.data)
 
     def start(self, object_position: FloatArray) -> None:
         """Put the arm at home and the object on the pan; see `Engine`."""

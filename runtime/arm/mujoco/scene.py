@@ -22,11 +22,22 @@ PAN_COLOUR = (0.16, 0.17, 0.19, 1.0)
 HANDLE_COLOUR = (0.10, 0.10, 0.11, 1.0)
 LINK_COLOUR = (0.86, 0.87, 0.89, 1.0)
 JOINT_COLOUR = (0.20, 0.36, 0.58, 1.0)
+POST_COLOUR = (0.45, 0.47, 0.49)
 OBJECT_COLOUR = (0.93, 0.42, 0.10, 1.0)
 CAP_COLOUR = (0.98, 0.78, 0.35, 1.0)
 
+GROUND_GEOM, POST_GEOM = "ground", "post"
 GROUND_HALF = 30.0
 """Half of the ground's width (m)."""
+
+GROUND_MARGIN = 0.1
+"""Height of the lowest link above the ground, where that is not at the base (m)."""
+
+POST_RADIUS = 0.11
+"""Radius of the post that an arm stands on then (m)."""
+
+LINK_GROUP = 2
+"""MuJoCo's group of the links' shapes."""
 
 WALL = 0.004
 """Thickness of the pan that is drawn (m)."""
@@ -56,8 +67,8 @@ def build(mujoco: Any, arm: ArmDescription, friction: float, object_mass: float)
     spec = arm_spec(arm)
     contact.set_options(mujoco, spec.option)
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION  # torques are applied to the joints as they are
-    _add_looks(mujoco, spec)
     _dress_arm(mujoco, spec, arm)
+    _add_looks(mujoco, spec)
     _add_pan(mujoco, spec, arm)
     _add_object(mujoco, spec.worldbody, friction, object_mass)
     try:
@@ -96,6 +107,7 @@ def _add_looks(mujoco: Any, spec: Any) -> None:
         pos=[1.5, 1.8, 1.8], dir=[-0.4, -0.7, -0.6], diffuse=[0.22] * 3, specular=[0.0] * 3, castshadow=False
     )
     world.add_geom(
+        name=GROUND_GEOM,
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[GROUND_HALF, GROUND_HALF, 0.1],
         material="ground",
@@ -113,6 +125,22 @@ def _add_looks(mujoco: Any, spec: Any) -> None:
     spec.stat.extent = 1.5
 
 
+def stand_on_ground(model: Any, data: Any) -> None:
+    """Lower the ground below an arm that reaches under its own base, and put the base on a post.
+
+    Args:
+        model: of the scene.
+        data: with the arm at home.
+    """
+    lowest = float((data.geom_xpos[:, 2] - model.geom_rbound)[model.geom_group == LINK_GROUP].min())
+    if lowest < 0.0:
+        height = GROUND_MARGIN - lowest
+        ground, post = model.geom(GROUND_GEOM), model.geom(POST_GEOM)
+        model.geom_sameframe[[ground.id, post.id]] = 0  # their places are no longer their body's
+        ground.pos[2] = -height
+        post.pos[2], post.size[1], post.rgba[3] = -0.5 * height, 0.5 * height, 1.0
+
+
 def _dress_arm(mujoco: Any, spec: Any, arm: ArmDescription) -> None:
     """Colour the links, draw the base, and let the joints end where their ranges do."""
     for geom in spec.geoms:
@@ -120,6 +148,10 @@ def _dress_arm(mujoco: Any, spec: Any, arm: ArmDescription) -> None:
             geom.material = "joint"
         elif geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
             geom.material = "link"
+        geom.group = LINK_GROUP
+    post = spec.worldbody.add_geom(name=POST_GEOM, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[POST_RADIUS, 0.001, 0.0])
+    post.contype = post.conaffinity = post.mass = 0
+    post.rgba = [*POST_COLOUR, 0.0]  # not seen, unless `stand_on_ground` needs it
     base = arm.joints[0]
     if math.hypot(*base.frame.position) > base.radius:
         rod = {"fromto": [0.0, 0.0, 0.0, *base.frame.position], "size": [1.25 * base.radius, 0.0, 0.0]}

@@ -21,7 +21,13 @@ from runtime.arm.controller import (
 from runtime.documents.checks import FloatArray
 from runtime.physics.law import DT
 
-WIDE = JointLimits(np.full(6, 1e6), np.full(6, 1e6))
+
+def limits_of(torque: float = 1e6, speed: float = 1e6, reach: float = np.inf, joints: int = 6) -> JointLimits:
+    """Limits that are the same for all joints."""
+    return JointLimits(*(np.full(joints, value) for value in (torque, speed, -reach, reach)))
+
+
+WIDE = limits_of()
 STILL = TaskCommand(np.zeros(3), np.eye(3), np.zeros(6), np.zeros(6), np.zeros(6))
 
 
@@ -85,7 +91,7 @@ def test_the_observer_finds_a_constant_disturbance(settings: object) -> None:
 
 def test_torques_stay_within_their_limits_and_it_is_said() -> None:
     far = STILL._replace(position=np.array([0.0, 0.05, 0.0]))
-    limits = JointLimits(np.full(6, 10.0), np.full(6, 1e6))
+    limits = limits_of(torque=10.0)
     tick = control(far, at_rest(), None, FULL_CONTROL, limits)
     assert tick.torque.tolist() == [0.0, 10.0, 0.0, 0.0, 0.0, 0.0]
     assert tick.limits == ("torque of joint 2",)
@@ -94,7 +100,7 @@ def test_torques_stay_within_their_limits_and_it_is_said() -> None:
 def test_a_joint_at_its_speed_limit_is_not_driven_further() -> None:
     push = STILL._replace(velocity=np.full(6, 5.0))
     fast = at_rest(theta_velocity=np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
-    tick = control(push, fast, None, FULL_CONTROL, JointLimits(np.full(6, 1e6), np.full(6, 4.0)))
+    tick = control(push, fast, None, FULL_CONTROL, limits_of(speed=4.0))
     assert tick.torque[2] == 0.0
     assert "speed of joint 3" in tick.limits
 
@@ -109,7 +115,7 @@ def test_a_singular_arm_is_damped_and_it_is_said() -> None:
 
 def test_a_seventh_joint_goes_to_its_posture_and_moves_no_pan() -> None:
     jacobian = np.hstack([np.eye(6), np.eye(6)[:, :1]])
-    limits = JointLimits(np.full(7, 1e6), np.full(7, 1e6))
+    limits = limits_of(joints=7)
     state = ArmState(np.zeros(7), np.zeros(7), np.zeros(3), np.eye(3), jacobian, np.eye(7), np.zeros(7))
     posture = np.array([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
     tick = control(STILL._replace(posture=posture), state, None, FULL_CONTROL, limits)
@@ -117,3 +123,8 @@ def test_a_seventh_joint_goes_to_its_posture_and_moves_no_pan() -> None:
     assert tick.torque[[0, 6]] == pytest.approx([-10.0, 10.0])
     up = STILL._replace(acceleration=np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0]), posture=np.zeros(7))
     assert jacobian @ control(up, state, None, FULL_CONTROL, limits).torque == pytest.approx(up.acceleration)
+
+
+def test_a_joint_out_of_its_range_is_said() -> None:
+    turned_far = at_rest(theta=np.array([0.0, 0.0, 0.0, -2.1, 0.0, 0.0]))
+    assert control(STILL, turned_far, None, FULL_CONTROL, limits_of(reach=2.0)).limits == ("range of joint 4",)

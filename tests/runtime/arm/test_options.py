@@ -63,6 +63,7 @@ def test_settings_beyond_reason_are_refused(values: dict[str, float], message: s
         (["--video", "x.mp4"], "--video needs --simulator"),
         (["--seed", "0"], "--seed needs --simulator"),
         (["--noise", "0"], "--noise needs --simulator"),
+        (["--at", "0.5,0,0.4"], "--at needs --arm"),
         (["--pybullet", "--static", "0.5"], "give --friction with --simulator"),
         (["--pybullet", "--simulator", "mujoco"], "--pybullet and --simulator mujoco: one of them"),
         (["--pybullet", "--model", "x"], "--model needs --closed-loop"),

@@ -16,6 +16,7 @@ pytest.importorskip("pybullet")
 from runtime import Friction, Limits, Plan, Planner, Sizes
 from runtime.arm.options import ArmOptions
 from runtime.arm.program import run_on_arm
+from runtime.arm.run import Hook
 from runtime.arm.simulated import Simulated, Simulator
 from runtime.arm.simulation import SimulatedArm
 from runtime.documents.checks import FloatArray
@@ -32,18 +33,12 @@ def test_three_short_plans_run_and_are_told_in_a_table(slide_run: SlideRun, tmp_
         assert max(map(len, out.splitlines())) <= 80
 
 
-def test_mujoco_tells_the_same_and_films(slide_run: SlideRun, tmp_path: Path) -> None:
+def test_mujoco_tells_the_same(slide_run: SlideRun, shake_file: Path) -> None:
     pytest.importorskip("mujoco")
-    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    shake_file = save_shake(tmp_path / "shake.json", 8.0, 75)
-    film, report = tmp_path / "film.mp4", tmp_path / "report.html"
-    code, out, err = slide_run(shake_file, "--simulator", "mujoco", "--video", film, "--report", report, "--json")
+    code, out, err = slide_run(shake_file, "--simulator", "mujoco", "--json")
     assert (code, err) == (0, "")
     mujoco = json.loads(out)
-    assert (mujoco["simulator"], mujoco["results"]["samples"]) == ("mujoco", 75)
-    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] > 35
-    assert next(imageio_ffmpeg.read_frames(str(film)))["size"] == (1280, 720)
-    assert "arm, open loop" in report.read_text(encoding="utf-8")
+    assert (mujoco["simulator"], mujoco["results"]["samples"]) == ("mujoco", 300)
     code, out, _ = slide_run(shake_file, "--simulator", "pybullet", "--json")
     assert code == 0
     pybullet = json.loads(out)
@@ -52,7 +47,41 @@ def test_mujoco_tells_the_same_and_films(slide_run: SlideRun, tmp_path: Path) ->
     assert mujoco["results"]["torque_peaks"] == pytest.approx(pybullet["results"]["torque_peaks"], rel=0.05, abs=0.5)
 
 
-def test_mujoco_films_what_moves(tmp_path: Path) -> None:
+def test_a_named_arm_executes_the_plan_within_its_limits(slide_run: SlideRun, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    plan = save_shake(tmp_path / "plan.json", 6.0)
+    code, out, err = slide_run(plan, "--arm", "ur5e", "--json")
+    assert (code, err) == (0, "")
+    document = json.loads(out)
+    assert (document["arm"], document["simulator"]) == ("ur5e", "mujoco")
+    assert document["results"]["pan_rms"] < 1e-4
+    assert document["results"]["law_rms"] < 1.5e-3
+    assert 0.1 < document["limits"]["torque"] < 1.0
+    assert 0.1 < document["limits"]["speed"] < 1.0
+    code, out, _ = slide_run(plan, "--arm", "ur5e", "--pybullet")
+    assert code == 0
+    assert "arm ur5e in pybullet" in out
+    assert "of the joints' limits" in out
+
+
+def test_an_arm_that_is_not_known_is_refused_in_a_line(slide_run: SlideRun, shake_file: Path) -> None:
+    pytest.importorskip("mujoco")
+    code, out, err = slide_run(shake_file, "--arm", "scara")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "there is no arm named 'scara': known are fr3" in err
+
+
+def test_mujoco_films_in_720p(shake_file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    film = tmp_path / "film.mp4"
+    options = ArmOptions(simulator=Simulator.MUJOCO, video=film)
+    run_on_arm(shake_file, options, hooks=[_interrupt_at(41)])
+    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 5
+    assert next(imageio_ffmpeg.read_frames(str(film)))["size"] == (1280, 720)
+
+
+def test_mujoco_films_what_moves() -> None:
     pytest.importorskip("mujoco")
     arm, other = (
         SimulatedArm(Simulated(simulator=Simulator.MUJOCO)),
@@ -106,7 +135,7 @@ def test_closed_loop_keeps_to_the_limits_of_the_plan(
     planner.plan(make_curve(600), limits=Limits(pan_reach=reach)).save(path)
     away: list[float] = []
     options = ArmOptions(closed_loop=True, model=bundle_path)
-    run_on_arm(path, options, None, [lambda k, measured: away.append(float(np.hypot(*measured.pan[:2])))])
+    run_on_arm(path, options, hooks=[lambda k, measured: away.append(float(np.hypot(*measured.pan[:2])))])
     assert 0.5 * reach < max(away) < 1.01 * reach
 
 
@@ -194,14 +223,19 @@ def test_plans_that_cannot_be_executed_exit_2(
 
 def test_an_interrupt_keeps_film_and_report(shake_file: Path, tmp_path: Path) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
-
-    def interrupt(k: int, measured: object) -> None:
-        if k == 150:
-            raise KeyboardInterrupt
-
     film, report = tmp_path / "film.mp4", tmp_path / "report.html"
-    outcome = run_on_arm(shake_file, ArmOptions(video=film), report, [interrupt])
+    outcome = run_on_arm(shake_file, ArmOptions(video=film), report, hooks=[_interrupt_at(150)])
     assert outcome.interrupted
     assert outcome.document["results"]["samples"] == 150
     assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 15
     assert report.exists()
+
+
+def _interrupt_at(sample: int) -> Hook:
+    """A hook that presses Ctrl-C."""
+
+    def hook(k: int, measured: object) -> None:
+        if k == sample:
+            raise KeyboardInterrupt
+
+    return hook

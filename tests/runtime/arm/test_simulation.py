@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,13 +23,17 @@ from benchmarks.sections.arm import (
     stick_slip_plan,
 )
 from benchmarks.suite.families import spline
-from runtime import Friction, Plan, Planner
+from runtime import Friction, InputError, Plan, Planner
+from runtime.arm.bullet.urdf import arm_urdf, pan_in_hand
 from runtime.arm.events import Event
 from runtime.arm.interface import Arm, ObjectStatus, PanCommand
-from runtime.arm.results import PLAN_ARRAYS
+from runtime.arm.results import PLAN_ARRAYS, Results
 from runtime.arm.run import execute, open_loop
 from runtime.arm.simulated import Simulated, Simulator
 from runtime.arm.simulation import NOISE_WINDOW, SimulatedArm
+from runtime.arms.load import load_arm
+from runtime.arms.model import ArmModel
+from runtime.physics.law import DT
 from runtime.physics.pan import integrate_pan
 from runtime.planner import DEFAULT_BUNDLE
 
@@ -92,10 +98,12 @@ def test_a_hook_that_looks_changes_nothing(settings: Simulated) -> None:
     assert np.array_equal(seen.sliding, unseen.sliding)
 
 
-def test_simulation_and_pictures_are_fast_enough(simulator: Simulator) -> None:
-    # Less than half as fast as `slide-bench arm` should find it: the machine that runs the tests may be busy.
-    assert tracking(simulator).real_time_factor >= 0.75
-    assert frame_time(10, simulator) <= 0.1
+def test_simulation_and_pictures_are_fast_enough(settings: Simulated) -> None:
+    # In processor time, and half as fast as `slide-bench arm` should find it: the machine that tests may be busy.
+    plan, begin = motions()[0], time.process_time()
+    execute(plan, SimulatedArm(settings), open_loop(plan))
+    assert len(plan) * DT / (time.process_time() - begin) >= 1.0
+    assert frame_time(10, settings.simulator) <= 0.1
 
 
 def test_the_object_follows_the_command_in_closed_loop(settings: Simulated) -> None:
@@ -140,16 +148,56 @@ def test_the_jacobian_moves_the_pan_and_torques_beside_the_bias_accelerate_it(se
     arm.close()
 
 
-def test_both_simulators_have_the_same_arm() -> None:
+@pytest.mark.parametrize("name", ["paper", "fr3", "ur5e"])
+def test_both_simulators_have_the_same_arm(name: str) -> None:
     states = []
     for simulator in Simulator:
         pytest.importorskip(simulator.value)
-        arm = SimulatedArm(Simulated(simulator=simulator))
+        arm = SimulatedArm(Simulated(simulator=simulator), load_arm(name))
         arm.engine.start(np.zeros(2))
         states.append(arm.engine.arm())
         arm.close()
     for one, other in zip(*states, strict=True):
         assert one == pytest.approx(other, abs=1e-5)
+
+
+def test_an_arm_of_seven_joints_moves_as_the_plan_says_in_its_own_axes(settings: Simulated) -> None:
+    gentle, arm = motions()[0], SimulatedArm(settings, load_arm("fr3"))
+    slow = Plan.of_accelerations(0.2 * gentle.pan_acceleration, gentle.friction, "slow")
+    recording = execute(slow, arm, open_loop(slow))
+    results = Results.of(slow, recording, FRICTION)
+    assert (results.notes, len(results.torque_peaks)) == ([], 7)
+    assert results.pan_rms < 1e-4
+    assert recording.pan[: len(slow), :2] == pytest.approx(slow.pan_position, abs=3e-4)
+    assert abs(arm.engine.home.rotation[1, 0]) > 0.05, "its pan's axes are turned from the world's"
+
+
+def test_an_arms_own_torque_limits_are_in_force(settings: Simulated) -> None:
+    strong = load_arm("fr3")
+    weak = replace(strong, joints=(replace(strong.joints[0], torque=2.0), *strong.joints[1:]))
+    plan = motions()[0]
+    results = Results.of(plan, execute(plan, SimulatedArm(settings, weak), open_loop(plan)), FRICTION)
+    assert results.torque_peaks[0] == 2.0
+    assert results.limits["torque of joint 1"] > 10
+
+
+def test_an_arm_without_a_home_is_refused() -> None:
+    with pytest.raises(InputError, match="arm paper has no home: find_place gives one"):
+        SimulatedArm(arm=replace(load_arm("paper"), home=None))
+
+
+def test_the_urdf_that_pybullet_reads_is_the_arm(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    arm, path = load_arm("ur5e"), tmp_path / "arm.urdf"
+    path.write_text(arm_urdf(arm), encoding="utf-8")
+    assert max(map(len, arm_urdf(arm).splitlines())) < 100, "longer lines are cut"
+    again = load_arm(path, mount=pan_in_hand(arm))
+    assert arm.home is not None
+    poses = [ArmModel(each).pan(np.array(arm.home))[:2] for each in (arm, again)]
+    for one, other in zip(*poses, strict=True):
+        assert one == pytest.approx(other, abs=1e-8)
+    masses = [sum(joint.body.mass for joint in each.joints) for each in (arm, again)]
+    assert masses[1] == pytest.approx(masses[0] + arm.pan.mass)
 
 
 def test_noise_is_the_cameras_alone_and_repeats_with_its_seed(settings: Simulated) -> None:
