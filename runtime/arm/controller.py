@@ -11,10 +11,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from runtime.arms.description import ArmDescription
 from runtime.documents.checks import FloatArray
 from runtime.physics.law import DT
+
+BoolArray = NDArray[np.bool_]
 
 K_P = np.array([800.0, 800.0, 800.0, 1000.0, 1000.0, 1000.0])
 """Stiffness of position and attitude (1/s^2), Section V-A."""
@@ -253,7 +256,7 @@ def _solve(jacobian: FloatArray, a: FloatArray, towards: FloatArray) -> tuple[Fl
     return solution, damped
 
 
-def _limit_speed(wanted: FloatArray, speed: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _limit_speed(wanted: FloatArray, speed: FloatArray, limit: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Cut joint accelerations that would drive a joint past its speed limit.
 
     Returns:
@@ -263,7 +266,7 @@ def _limit_speed(wanted: FloatArray, speed: FloatArray, limit: FloatArray) -> tu
     return cut, cut != wanted
 
 
-def _names(singular: bool, too_fast: FloatArray, too_strong: FloatArray, beyond: FloatArray) -> tuple[str, ...]:
+def _names(singular: bool, too_fast: BoolArray, too_strong: BoolArray, beyond: BoolArray) -> tuple[str, ...]:
     if not (singular or too_fast.any() or too_strong.any() or beyond.any()):
         return ()
     names = ["reach"] if singular else []
