@@ -123,7 +123,7 @@ def card(manifest: Manifest, with_weights: bool) -> str:
         for name, (low, high) in manifest.trained_on.items()
     )
     limits = "\n".join(
-        f"| {name.replace('_', ' ')} | {value:g} {UNITS.get(name, '')} |"
+        f"| {name.replace('_', ' ')} | {'none' if value is None else f'{value:g} {UNITS[name]}'} |"
         for name, value in manifest.limits.to_dict().items()
     )
     return f"""---

@@ -67,7 +67,7 @@ def test_card_has_figures_ranges_limits_licence_and_where_it_fails(published: Pa
     for name, (low, high) in manifest.trained_on.items():
         assert f"| {name.replace('_', ' ')} | {low:g} to {high:g}" in card
     for name, value in manifest.limits.to_dict().items():
-        assert f"| {name.replace('_', ' ')} | {value:g}" in card
+        assert f"| {name.replace('_', ' ')} | {'none' if value is None else f'{value:g} '}" in card
     assert "10.1109/LRA.2018.2854958" in card
 
 
