@@ -99,3 +99,8 @@ def parse_place(text: str) -> Place:
 def place_text(place: Place) -> str:
     """Return the text of a path: ("command", "position", 3) is command.position[3]."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
+
+
+def plain(text: str) -> str:
+    """Return a text with every character escaped that is not printable: none of it can move a terminal's cursor."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)

@@ -9,6 +9,8 @@ from typing import Any
 
 import orjson
 
+from runtime.errors import plain
+
 request_id: ContextVar[str] = ContextVar("request_id", default="")
 """Name of the request that is being answered; in its log lines, its problem and its answer's header."""
 
@@ -39,11 +41,6 @@ class JsonLines(logging.Formatter):
         if record.exc_info:
             document["error"] = self.formatException(record.exc_info)
         return orjson.dumps(document, default=str).decode()
-
-
-def plain(text: str) -> str:
-    """Return a text with everything escaped that is not printable."""
-    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
 
 
 def set_up(form: str) -> None:

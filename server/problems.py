@@ -15,6 +15,7 @@ import orjson
 from starlette.responses import Response
 
 from runtime.errors import InputError, place_text
+from server.logs import request_id
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:slide-planner:problem:"
@@ -33,6 +34,7 @@ TITLES = {
     "idle": (408, "The stream has been silent for too long"),
     "too-large": (413, "The body is too large"),
     "unsupported-media-type": (415, "The body is not of a media type that is read"),
+    "misdirected": (421, "This server does not go by that name"),
     "invalid": (422, "The request asks for what cannot be planned"),
     "too-fast": (429, "Too many steps come in a short time"),
     "too-many": (429, "This client has its share"),
@@ -75,6 +77,8 @@ class Problem(Exception):
             document["detail"] = _short(self.detail)
         if self.place:
             document["place"] = _short(self.place)
+        if request := request_id.get():
+            document["request"] = request
         return document
 
     def response(self) -> Response:

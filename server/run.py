@@ -52,12 +52,16 @@ def slide_serve(**given: Any) -> None:
     except ValidationError as error:
         raise InputError(_first_of(error)) from None
     logs.set_up(settings.log)
-    listening = _listen(settings.host, settings.port)
+    sockets = [_listen(settings.host, settings.port)]
     app = create_app(settings)
+    if settings.metrics_port is not None:
+        sockets.append(_listen(settings.host, settings.metrics_port))
+        app.state.service.metrics_port = sockets[1].getsockname()[1]
     server = Server(app, settings)
-    host, port = listening.getsockname()[:2]
-    log.info("listening on http://%s:%d", f"[{host}]" if ":" in str(host) else host, port)
-    server.run(sockets=[listening])
+    for listening, what in zip(sockets, ("", ", for figures"), strict=False):
+        host, port = listening.getsockname()[:2]
+        log.info("listening on http://%s:%d%s", f"[{host}]" if ":" in str(host) else host, port, what)
+    server.run(sockets=sockets)
     if app.state.service.failure is not None:
         raise typer.Exit(BAD_INPUT)
     if server.interrupted:
@@ -99,6 +103,8 @@ class Server(uvicorn.Server):
             access_log=False,
             log_config=None,
             server_header=False,
+            proxy_headers=bool(settings.proxies),
+            forwarded_allow_ips=settings.proxies,
             timeout_graceful_shutdown=1,
             timeout_keep_alive=KEEP_ALIVE,
             backlog=BACKLOG,

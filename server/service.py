@@ -33,6 +33,7 @@ class Service:
         metrics: what is counted.
         held: bytes of requests that are held.
         steps: by turns, the steps of streams.
+        metrics_port: the port for figures only, if there is one.
         stopping: whether the server takes no new work.
         failure: why no plans can be made; None while there is hope.
         on_failure: called then.
@@ -48,6 +49,7 @@ class Service:
         self.metrics.in_flight.set_function(lambda: self.in_flight)
         self.metrics.streams.set_function(lambda: self.streams)
         self.steps = Gate()
+        self.metrics_port: int | None = None
         self.stopping = False
         self.failure: Exception | None = None
         self.on_failure: Callable[[], None] = lambda: None

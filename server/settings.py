@@ -32,6 +32,13 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 for any that is free.")
     token: SecretStr | None = Field(None, description="Bearer token that requests must carry.")
     tokens: SecretStr | None = Field(None, description="Bearer tokens of several clients, as in NAME=TOKEN,NAME=TOKEN.")
+    hosts: str = Field(
+        "", description="Names this server goes by, as in slide.example.com,slide; localhost and addresses always do."
+    )
+    proxies: str = Field("", description="Addresses of proxies whose X-Forwarded-For is believed, as in 10.0.0.0/8.")
+    metrics_port: int | None = Field(
+        None, ge=0, le=65535, description="Port of its own for /metrics and /health, which needs no token."
+    )
     insecure: bool = Field(False, description="Listen beyond this machine without a token.")
     model: Path | None = Field(None, description="Bundle folder, or a shipped one: default, fp32.")
     bundle_sha256: str | None = Field(
@@ -39,6 +46,7 @@ class Settings(BaseSettings):
     )
 
     log: Literal["text", "json"] = Field("text", description="Form of the log's lines.")
+    log_requests: bool = Field(False, description="Log a line for each request.")
 
     max_body: int = Field(1 << 20, ge=1 << 10, le=1 << 28, description="Largest request body (bytes).")
     max_samples: int = Field(20_000, ge=2, le=600_001, description="Longest command (samples at 1 kHz).")
@@ -93,6 +101,13 @@ class Settings(BaseSettings):
     def clients(self) -> dict[str, str]:
         """Token of each named client."""
         return {} if self.tokens is None else pairs("tokens", self.tokens.get_secret_value(), secret=True)
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Names this server goes by, in lower case."""
+        return frozenset(
+            name.strip().lower() for name in f"localhost,{self.host},{self.hosts}".split(",") if name.strip()
+        )
 
     @cached_property
     def shares_of_time(self) -> dict[str, float]:

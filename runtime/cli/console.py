@@ -15,7 +15,7 @@ from typing import Annotated, Any, NoReturn, cast, get_args, get_origin, get_typ
 
 import typer
 
-from runtime.errors import SlideError
+from runtime.errors import SlideError, plain
 from runtime.interrupt import INTERRUPTED, raising
 from runtime.version import __version__
 
@@ -139,7 +139,7 @@ def _show_version(asked: bool) -> None:
 def say(name: str, message: str) -> None:
     """Print one line on standard error, preceded by the program's name; if that is closed, there is nobody to tell."""
     with suppress(OSError):
-        print(f"{name}: {' '.join(message.split())}", file=sys.stderr)
+        print(f"{name}: {plain(' '.join(message.split()))}", file=sys.stderr)
 
 
 def cannot_run(name: str, why: str) -> NoReturn:
@@ -164,13 +164,13 @@ def print_table(title: str, rows: Iterable[Sequence[str]], header: Sequence[str]
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE, show_header=bool(header))
+    table = Table(title=plain(title), title_justify="left", box=box.SIMPLE, show_header=bool(header))
     table.add_column(*header[:1], no_wrap=not header, overflow="fold")
     table.add_column(*header[1:2], overflow="fold")
     for name in header[2:]:
         table.add_column(name, justify="right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*("\n".join(map(plain, cell.split("\n"))) for cell in row))
     Console(markup=False, highlight=False, stderr=stderr).print(table)
 
 

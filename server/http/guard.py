@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
-import hmac
-import ipaddress
 import logging
+import re
+import secrets
 import time
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from server.http.doors import CLIENT, check_host, client_of
+from server.logs import request_id
 from server.problems import Problem
 from server.service import Service
-from server.settings import Settings
 
 log = logging.getLogger("slide-serve")
 
 PROTECTED = ("/plan", "/plans", "/stream", "/info", "/metrics")
 """What needs the token, where there is one; the page, the description and the health are open."""
+
+HEALTH = ("/health/live", "/health/ready")
+
+OPEN_TO_SCRAPES = ("/metrics", *HEALTH)
+"""What there is at the port for figures."""
+
+REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+"""What a request's name may be."""
+
+LONGEST_PATH = 200
+"""Most characters of a path in the log."""
 
 PLANNING = ("/plan", "/plans")
 """What is refused when there is too much of it."""
@@ -33,9 +45,6 @@ SECURITY_HEADERS = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
 
-
-CLIENT = "slide.client"
-"""Key of a request's scope: the name of who asks, see `client_of`."""
 
 CLIENT_LEFT = 499
 """Status that a request is counted under whose client left before there was an answer."""
@@ -58,6 +67,7 @@ class Guard:
             await self._app(scope, receive, send)
             return
         begin, status = time.perf_counter(), 0
+        request_id.set(name_request(scope))
 
         async def send_with_headers(message: Message) -> None:
             nonlocal status
@@ -66,11 +76,17 @@ class Guard:
                 headers = MutableHeaders(scope=message)
                 for name, value in SECURITY_HEADERS.items():
                     headers.setdefault(name, value)
+                headers["X-Request-ID"] = request_id.get()
                 headers.setdefault("Cache-Control", "no-cache" if "etag" in headers else "no-store")
             await send(message)
 
         try:
-            if scope["path"] in PROTECTED:
+            if self._is_scrape(scope):
+                if scope["path"] not in OPEN_TO_SCRAPES:
+                    raise Problem("not-found")
+            elif scope["path"] not in HEALTH:  # which a balancer asks for by any name
+                check_host(scope, self._service.settings)
+            if scope["path"] in PROTECTED and not self._is_scrape(scope):
                 scope[CLIENT] = client_of(scope, self._service.settings)
             if scope["path"] in PLANNING and scope["method"] == "POST":
                 self._service.check_room(scope[CLIENT])  # here it costs least: nothing has been looked at
@@ -88,40 +104,29 @@ class Guard:
             metrics = self._service.metrics
             route = getattr(scope.get("route"), "path", "other")
             metrics.requests.labels(route, str(status)).inc()
-            metrics.total_time.observe(time.perf_counter() - begin)
+            duration = time.perf_counter() - begin
+            metrics.total_time.observe(duration)
+            if self._service.settings.log_requests:
+                log_request(scope, status, duration)
+
+    def _is_scrape(self, scope: Scope) -> bool:
+        """Whether a request came by the port that is for figures only."""
+        return bool(scope["server"]) and scope["server"][1] == self._service.metrics_port
 
 
-def client_of(scope: Scope, settings: Settings) -> str:
-    """Return the name of who asks: that of the token where tokens have names, and the address otherwise.
-
-    Tokens are compared in a time that does not tell where they differ.
-
-    Raises:
-        Problem: `unauthorized`: there are tokens, and it carries none of them.
-    """
-    address = scope["client"][0] if scope.get("client") else ""
-    if not settings.needs_token:
-        return network_of(address)
-    scheme, _, given = Headers(scope=scope).get("authorization", "").partition(" ")
-    found = ""
-    if scheme.lower() == "bearer":
-        data = given.strip(" ").encode()
-        for name, token in settings.clients.items():
-            if hmac.compare_digest(data, token.encode()):
-                found = name
-        if settings.token is not None and hmac.compare_digest(data, settings.token.get_secret_value().encode()):
-            found = network_of(address)
-    if not found:
-        raise Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
-    return found
+def name_request(scope: Scope) -> str:
+    """Return the name of a request: the one that a proxy or a client gave it, if it is one, or a new one."""
+    given = Headers(scope=scope).get("x-request-id", "")
+    return given if REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
 
 
-def network_of(address: str) -> str:
-    """Return the address that a client counts by: of IPv6 the half that says where it is, of which it has plenty."""
-    try:
-        ip = ipaddress.ip_address(address.partition("%")[0])
-    except ValueError:
-        return address or "nobody"
-    if isinstance(ip, ipaddress.IPv6Address):
-        return str(ip.ipv4_mapped or ipaddress.ip_network((ip, 64), strict=False))
-    return str(ip)
+def log_request(scope: Scope, status: int, duration: float) -> None:
+    """Log a line about a request; of its path no more than a page's worth, and nothing of its query."""
+    fields = {
+        "method": scope["method"],
+        "path": scope["path"][:LONGEST_PATH],
+        "status": status,
+        "milliseconds": round(duration * 1e3, 2),
+        "client": scope.get(CLIENT) or (scope["client"] or [""])[0],
+    }
+    log.info("%(method)s %(path)s %(status)d in %(milliseconds)g ms for %(client)s", fields, extra={"fields": fields})

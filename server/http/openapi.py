@@ -22,6 +22,7 @@ PROBLEM = {
         "status": {"type": "integer"},
         "detail": {"type": "string"},
         "place": {"type": "string"},
+        "request": {"type": "string"},
     },
 }
 PLAN = {

@@ -16,8 +16,9 @@ from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from server.http.body import read_body
-from server.http.guard import CLIENT
+from server.http.doors import CLIENT
 from server.http.openapi import REFERENCE, problems
+from server.logs import request_id
 from server.planning.bounds import ROW_BYTES
 from server.planning.dispatcher import QueuedJob, WrittenPlan
 from server.planning.messages import ReadJob
@@ -229,7 +230,8 @@ def timing(written: WrittenPlan, reading: float) -> str:
     """Return the value of the header `Server-Timing` (ms): reading the request, waiting, planning, writing the plan."""
     _, queue, encode, decode, write = written
     times = {"read": reading, "queue": queue, "encode": encode, "decode": decode, "write": write}
-    return ", ".join(f"{name};dur={duration * 1e3:.2f}" for name, duration in times.items())
+    parts = [f"{name};dur={duration * 1e3:.2f}" for name, duration in times.items()]
+    return ", ".join([*parts, f'request;desc="{request_id.get()}"'])
 
 
 def accepted(request: Request, offered: tuple[str, ...]) -> str:

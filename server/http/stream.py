@@ -27,9 +27,11 @@ from starlette.websockets import WebSocketDisconnect
 from runtime import Command, InputError, Planner, Start, Stream
 from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT, Chunk, Step, pack_chunk, unpack_step
 from runtime.documents.checks import FloatArray
-from server.http.guard import client_of
+from server.http.doors import check_host, check_origin, client_of
+from server.http.guard import name_request
 from server.http.schemas import StepRequest, read, to_start
 from server.http.websocket import POLICY_VIOLATION
+from server.logs import request_id
 from server.planning.bounds import fastest, stop_samples
 from server.planning.reader import Reader
 from server.problems import Problem, for_input
@@ -109,7 +111,9 @@ async def stream(socket: WebSocket) -> None:
     service: Service = socket.app.state.service
     with ExitStack() as stack:
         try:
-            check_origin(socket)
+            request_id.set(name_request(socket.scope))
+            check_host(socket.scope, service.settings)
+            check_origin(socket.scope)
             client = client_of(socket.scope, service.settings)
             planner, reader = service.planner, service.reader
             stack.enter_context(service.streaming(client))
@@ -128,17 +132,6 @@ async def stream(socket: WebSocket) -> None:
         except Exception:
             log.exception("a stream failed")
             await socket.close(INTERNAL_ERROR)
-
-
-def check_origin(socket: WebSocket) -> None:
-    """Check that no other site's page has opened the socket: browsers let any page try.
-
-    Raises:
-        Problem: `forbidden`.
-    """
-    origin = socket.headers.get("origin")
-    if origin is not None and origin.lower().partition("://")[2] != socket.headers.get("host", "").lower():
-        raise Problem("forbidden", "the page that asks is of another site")
 
 
 class Follower:

@@ -75,7 +75,7 @@ def _check_positions(body: bytes, options: ReaderOptions) -> None:
     Raises:
         Problem: `invalid`.
     """
-    found = body.count(b"[")
+    found = body.count(b"]")
     if found > options.max_samples + OTHER_BRACKETS:
         raise Problem("invalid", f"the command has about {found} positions, at most {options.max_samples} are taken")
 

@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 
 from .conftest import Process, process, wait_for
 from .http.test_connections import frame, upgrade
-from .planning.test_faults import children
+from .planning.test_faults import begin_of_post, children
 
 SECONDS = float(os.environ.get("SLIDE_ATTACK_SECONDS", "3"))
 """How long each attack goes on; `make soak` takes 60 s."""
@@ -37,11 +37,6 @@ LONG = {"t": [0, 10, 19.9], "position": [[0, 0], [0.1, 0], [0, 0]]}
 
 def knots(count: int) -> bytes:
     return b'{"command":{"dt":0.0001,"position":[' + b",".join([b"[0,0]"] * count) + b"]}}"
-
-
-def header(path: str, length: int) -> bytes:
-    lines = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
-    return f"{lines}Content-Length: {length}\r\n\r\n".encode()
 
 
 def heaviest(server: int) -> int:
@@ -158,7 +153,7 @@ def test_plans_that_nobody_reads_are_bounded_and_keep_nobody_out(
             connection.connect(("127.0.0.1", attacked.port))
             path, document = ("/plan", {"command": LONG}) if number % 2 else ("/plans", {"commands": [LONG] * 64})
             body = json.dumps(document).encode()
-            connection.sendall(header(path, len(body)) + body)
+            connection.sendall(begin_of_post(path, len(body)) + body)
         with watched(attacked, make_request(300)) as other:
             time.sleep(2.0 * SECONDS)
         assert other.refusals == []
@@ -171,7 +166,7 @@ def test_bodies_that_never_end_are_bounded(attacked: Process, make_request: Call
             connection = stack.enter_context(socket.create_connection(("127.0.0.1", attacked.port)))
             connection.setblocking(False)
             with suppress(BlockingIOError):
-                connection.send(header("/plan", 1_000_000) + b" " * 900_000)
+                connection.send(begin_of_post("/plan", 1_000_000) + b" " * 900_000)
         with watched(attacked, make_request(300)) as other:
             time.sleep(SECONDS)
         assert other.refusals == []

@@ -157,7 +157,13 @@ def test_the_manifests_name_paths_ports_and_settings_that_the_server_has() -> No
     (container,) = pod["containers"]
     for probe in ("startupProbe", "readinessProbe", "livenessProbe"):
         assert container[probe]["httpGet"]["path"] in routes()
-    assert {port["containerPort"] for port in container["ports"]} == {int(final("EXPOSE"))}
+    given = {each["name"]: each.get("value", "") for each in container["env"]}
+    ports = {port["name"]: port["containerPort"] for port in container["ports"]}
+    assert ports == {"http": int(final("EXPOSE")), "metrics": int(given["SLIDE_METRICS_PORT"])}
+    assert deployment["spec"]["template"]["metadata"]["annotations"]["prometheus.io/port"] == str(ports["metrics"])
+    ingress = next(each for each in documents() if each["kind"] == "Ingress")
+    services = {each["metadata"]["name"] for each in documents() if each["kind"] == "Service"}
+    assert {rule["host"] for rule in ingress["spec"]["rules"]} | services == set(given["SLIDE_HOSTS"].split(","))
     assert {each["name"].removeprefix("SLIDE_").lower() for each in container["env"]} <= set(Settings.model_fields)
     assert pod["securityContext"]["runAsUser"] == int(final("USER").split(":")[0])
     assert container["securityContext"]["readOnlyRootFilesystem"]

@@ -22,7 +22,7 @@ def post(body: bytes | str, path: str = "/plan", head: str = "", length: int | N
     data = body.encode("utf-8", "surrogatepass") if isinstance(body, str) else body
     size = len(data) if length is None else length
     kind = "" if "content-type" in head.lower() else "Content-Type: application/json\r\n"
-    lines = f"POST {path} HTTP/1.1\r\nHost: here\r\n{kind}Content-Length: {size}\r\n{head}\r\n"
+    lines = f"POST {path} HTTP/1.1\r\nHost: localhost\r\n{kind}Content-Length: {size}\r\n{head}\r\n"
     return lines.encode("latin-1") + data
 
 
@@ -42,7 +42,8 @@ def text(position: str, dt: str = "0.001") -> bytes:
 
 
 def chunked(data: bytes, ending: bytes = b"0\r\n\r\n") -> bytes:
-    head = b"POST /plan HTTP/1.1\r\nHost: here\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+    head = b"POST /plan HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    head += b"Transfer-Encoding: chunked\r\n\r\n"
     return head + b"%x\r\n%s\r\n" % (len(data), data) + ending
 
 
@@ -151,19 +152,19 @@ TABLE = [
     ("wants a picture", post(json.dumps(GOOD), head="Accept: image/png\r\n"), 406),
     ("wants nothing", post(json.dumps(GOOD), head="Accept: */*;q=0\r\n"), 406),
     # paths and methods
-    ("GET /plan", b"GET /plan HTTP/1.1\r\nHost: here\r\n\r\n", 405),
-    ("PUT /plans", b"PUT /plans HTTP/1.1\r\nHost: here\r\nContent-Length: 0\r\n\r\n", 405),
+    ("GET /plan", b"GET /plan HTTP/1.1\r\nHost: localhost\r\n\r\n", 405),
+    ("PUT /plans", b"PUT /plans HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\n\r\n", 405),
     ("POST to the page", post("{}", "/"), 405),
     ("POST to the health", post("{}", "/health/live"), 405),
-    ("an unknown path", b"GET /secret-canary HTTP/1.1\r\nHost: here\r\n\r\n", 404),
-    ("out of the folder", b"GET /../settings.py HTTP/1.1\r\nHost: here\r\n\r\n", 404),
-    ("out of the folder, escaped", b"GET /%2e%2e/%2e%2e/pyproject.toml HTTP/1.1\r\nHost: here\r\n\r\n", 404),
-    ("a path with a zero", b"GET /a%00b HTTP/1.1\r\nHost: here\r\n\r\n", 404),
-    ("a path of 5,000 letters", b"GET /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: here\r\n\r\n", 404),
-    ("a header of 64 KiB", b"GET / HTTP/1.1\r\nHost: here\r\nX: " + b"a" * (1 << 16) + b"\r\n\r\n", 431),
+    ("an unknown path", b"GET /secret-canary HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
+    ("out of the folder", b"GET /../settings.py HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
+    ("out of the folder, escaped", b"GET /%2e%2e/%2e%2e/pyproject.toml HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
+    ("a path with a zero", b"GET /a%00b HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
+    ("a path of 5,000 letters", b"GET /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
+    ("a header of 64 KiB", b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * (1 << 16) + b"\r\n\r\n", 431),
     ("no HTTP", b"secret-canary\r\n\r\n", 400),
     ("TLS", b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + bytes(64), 400),
-    ("two lengths", b"POST /plan HTTP/1.1\r\nHost: a\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n{}", 400),
+    ("two lengths", b"POST /plan HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n{}", 400),
     ("a broken chunk", chunked(b"{}", b"secret-canary\r\n"), 400),
 ]
 

@@ -31,8 +31,12 @@ def assert_answers(server: Any, request: dict[str, Any]) -> None:
 
 def post_plan(request: dict[str, Any], path: str = "/plan") -> bytes:
     body = json.dumps(request).encode()
-    head = f"POST {path} HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
-    return head.encode() + body
+    return begin_of_post(path, len(body)) + body
+
+
+def begin_of_post(path: str, length: int) -> bytes:
+    lines = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    return f"{lines}Content-Length: {length}\r\n\r\n".encode()
 
 
 def test_ctrl_c_in_its_terminal_stops_the_server_with_130() -> None:
@@ -101,9 +105,7 @@ def test_200_slow_sockets_keep_nobody_out(server: Any, make_request: Callable[..
             if index % 3 == 0:
                 connection.sendall(b"POST /plan HTTP/1.1\r\nHost:")
             elif index % 3 == 1:
-                connection.sendall(
-                    b"POST /plan HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: 90\r\n\r\n{"
-                )
+                connection.sendall(begin_of_post("/plan", 90) + b"{")
         assert_answers(server, make_request())
     finally:
         for connection in connections:
@@ -114,7 +116,9 @@ def test_slow_header_and_slow_body_are_given_up(run_server: Callable[..., Any]) 
     with run_server(header_timeout=0.3, body_timeout=0.3) as server:
         assert server.raw(b"GET / HT") == b""
         assert server.raw(b"") == b""
-        head = b"POST /plan HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\nContent-Length: 90\r\n\r\n{"
+        head = (
+            b"POST /plan HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 90\r\n\r\n{"
+        )
         assert server.raw(head).startswith(b"HTTP/1.1 408 ")
 
 
