@@ -93,14 +93,14 @@ def control(planner: Planner, rounds: int) -> Report:
 
 def control_once(planner: Planner, position: Array) -> Report:
     """Follow one command, push the object half-way, and report."""
-    chunk = planner.bundle.manifest.one_pan.chunk
+    stream = planner.stream(position)
+    chunk = stream.chunk
     chunks = len(position) // chunk
     commands: queue.Queue[Array | None] = queue.Queue()
     measured: queue.Queue[tuple[Array, Array]] = queue.Queue()
     worker = threading.Thread(target=plant, args=(commands, measured, chunks // 2), daemon=True)
     worker.start()
 
-    stream = planner.stream(position)
     durations, statuses, reached = np.empty(chunks), [], []
     pan_state = object_state = None
     for index in range(chunks):

@@ -73,10 +73,12 @@ class Layout(NamedTuple):
     Attributes:
         ranges: (n,) how far each number is told apart: beyond, it counts as that far.
         series: what it begins with.
+        digits: of the decoder's weights of it.
     """
 
     ranges: FloatArray
     series: Series
+    digits: int = 1
 
 
 def layouts(manifest: Manifest) -> tuple[Layout, Layout]:
@@ -111,7 +113,8 @@ def _general_layouts() -> tuple[Layout, Layout]:
     command = np.tile([1.5 * REACH] * 2 + [velocity] * 2, len(ENCODER_ROWS))
     observation = np.concatenate([states, [1.25 * ACCELERATION] * 3, ahead, told, [1.0]])
     series = [(10, len(SEEN_ROWS)), (3, 1), (4, len(AHEAD_ROWS))]
-    return Layout(np.concatenate([command, told]), [(4, len(ENCODER_ROWS))]), Layout(observation, series)
+    # The weights of what is seen of now are five times as large as the others, of which one digit would leave little.
+    return Layout(np.concatenate([command, told]), [(4, len(ENCODER_ROWS))]), Layout(observation, series, digits=2)
 
 
 def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
@@ -123,7 +126,7 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
     """
     graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
     scale = weights["scale"].astype(np.float64)
-    size, series = layouts(manifest)[0]
+    size, series, _ = layouts(manifest)[0]
     low, zero, high = (graph.scalar(name, value) for name, value in (("low", -1.0), ("zero", 0.0), ("high", 1.0)))
     x = graph.node("Mul", ["command", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
     x = graph.node("Transpose", [graph.node("Clip", [x, low, high], "held")], "time_major", perm=[1, 0, 2])
@@ -178,7 +181,7 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
     graph.scalar("step", 1.0 / STEPS)
     graph.constant("middle", np.array(128, dtype=np.uint8))
-    size, series = layouts(manifest)[1]
+    size, series, digits = layouts(manifest)[1]
     width = len(size)
     graph.scalar("fine_step", 1.0 / FINE_STEPS)
     scaled = graph.node("Mul", ["observation", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
@@ -198,7 +201,7 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
         w, r, b = _lstm(weights, layer)
         remembered = _quantize(graph, before["hidden"][layer])
         if layer == 0:  # its weights of what it sees are much larger than those of its memory: they have other scales
-            seen = _precise_linear(graph, "seen", scaled, w * size, series)
+            seen = _precise_linear(graph, "seen", scaled, w * size, series, digits)
             x = graph.node("Add", [seen, _linear(graph, "remembered", remembered, r, b)], "lstm0")
         else:
             x = graph.node("Concat", [x, remembered], f"seen{layer}", axis=1)

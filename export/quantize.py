@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,12 +14,16 @@ from export.write_bundle import bundle_folder, write_graphs, write_manifest
 from runtime import Planner
 from runtime.documents.checks import FloatArray
 from runtime.errors import SlideError
-from runtime.network.manifest import DECODER_STEP, ENCODER, Manifest
+from runtime.limits import Limits
+from runtime.network.manifest import DECODER_STEP, ENCODER, GENERAL, Manifest
 from train.commands.families import FAMILIES
 from train.evaluation.evaluate import commands_of
 
 COMMANDS = 16
 """Commands of each family that both bundles plan."""
+
+PANS = (Limits(), Limits(height=0.1), Limits.named("panda"))
+"""Pans that networks for every pan are compared on: a level one, one that lifts, and a weaker one that does."""
 
 MAX_GROWTH = 0.05
 """Share by which the mean tracking RMSE over all of these commands may grow, unless something else is said."""
@@ -88,11 +92,14 @@ def integer_graphs(fp32: Mapping[str, bytes], manifest: Manifest) -> dict[str, b
 
 
 def compare(fp32: Planner, int8: Planner) -> Comparison:
-    """Plan the evaluation's commands of every family with both."""
+    """Plan the evaluation's commands of every family with both: for every pan, under all of PANS."""
+    manifest = fp32.bundle.manifest
+    pans = PANS if manifest.kind == GENERAL else (manifest.limits,)
     positions = [position for family in FAMILIES for position in commands_of(family, COMMANDS)]
-    first, second = (_mean_rmse(planner, positions) for planner in (fp32, int8))
-    return Comparison(len(positions), first, second, second / first - 1.0)
+    first, second = (_mean_rmse(planner, positions, pans) for planner in (fp32, int8))
+    return Comparison(len(pans) * len(positions), first, second, second / first - 1.0)
 
 
-def _mean_rmse(planner: Planner, positions: list[FloatArray]) -> float:
-    return float(np.mean([plan.quality.tracking_rmse for plan in planner.plan_batch(positions)]))
+def _mean_rmse(planner: Planner, positions: list[FloatArray], pans: Sequence[Limits]) -> float:
+    plans = [plan for limits in pans for plan in planner.plan_batch(positions, limits=limits)]
+    return float(np.mean([plan.quality.tracking_rmse for plan in plans]))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -12,15 +13,17 @@ from numpy.typing import ArrayLike
 
 from runtime.assess.assess import assess
 from runtime.assess.sureness import friction_off_errors, friction_range
-from runtime.assess.training_range import asked_for, beyond
+from runtime.assess.training_range import beyond_training
 from runtime.command import Command
 from runtime.documents.checks import number
 from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.network.bundle import SHIPPED, Bundle
-from runtime.network.decode import Job, decode
-from runtime.network.reader import chunk_count
+from runtime.network.decode import decode
+from runtime.network.job import Job
+from runtime.network.manifest import GENERAL
+from runtime.network.reader import chunk_samples, group_of
 from runtime.physics.compiled import check_compiler
 from runtime.physics.motion import Motion
 from runtime.plan import Plan
@@ -34,6 +37,9 @@ from runtime.stream import REST_TOLERANCE, Stream
 
 DEFAULT_BUNDLE = SHIPPED / "default"
 """The bundle that plans where none is named."""
+
+GENERAL_BUNDLE: Path | None = None
+"""The bundle that plans under limits that DEFAULT_BUNDLE was not made for, where none is named; None: that one does."""
 
 REFINED_FROM = 8
 """Candidates that a refined plan is begun from: twice as many gain a tenth more, and take as long again."""
@@ -55,12 +61,13 @@ class Planner:
     """Plans with one bundle; may be used from several threads, and handed to other processes: see `Bundle`.
 
     Args:
-        path: the bundle's folder, the name of a shipped one, or hf://user/name for one on the Hugging Face hub;
-            `default` if None.
+        path: the bundle's folder, the name of a shipped one, or hf://user/name for one on the Hugging Face hub. If
+            None, `default` plans under the limits that it was made for, and `general` under all others.
         sha256: what the sha256 of its manifest must be; any if None.
 
     Attributes:
         bundle: the loaded bundle.
+        general: the one that plans under other limits than its manifest's; None if it plans under all.
 
     Raises:
         BundleError: the bundle cannot be trusted or understood.
@@ -68,9 +75,22 @@ class Planner:
 
     def __init__(self, path: str | PathLike[str] | None = None, *, sha256: str | None = None) -> None:
         self.bundle = Bundle.load(DEFAULT_BUNDLE if path is None else path, sha256)
-        self.plan(
-            np.zeros((2 * self.bundle.manifest.one_pan.chunk, 2))
-        )  # warms up: the first plan is as fast as the tenth
+        general = GENERAL_BUNDLE if path is None else None
+        self.general = None if general is None else Bundle.load(general)
+        for limits in [bundle.manifest.limits for bundle in (self.bundle, self.general) if bundle is not None]:
+            self.plan(np.zeros((WARM_UP, 2)), limits=limits)
+
+    def bundle_for(self, limits: Limits) -> Bundle:
+        """Return the bundle that plans within these limits.
+
+        Raises:
+            InputError: it needs limits, and there are none.
+        """
+        own = self.general is None or not limits.finite or limits == self.bundle.manifest.limits
+        bundle = self.bundle if own or self.general is None else self.general
+        if not limits.finite and bundle.manifest.kind == GENERAL:
+            raise InputError(f"{bundle.manifest.name} plans within finite limits, and there are none", "limits")
+        return bundle
 
     def __repr__(self) -> str:
         return f"<Planner with {self.bundle.manifest.name} from {self.bundle.path}>"
@@ -123,10 +143,11 @@ class Planner:
         effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share, job.limits)
         count = _candidates(candidates, 1 if effort is None else REFINED_FROM)
         held = _tolerance(tolerance)
-        motion, ahead = best_candidate(self.bundle, job, count, effort.robust if effort is not None else share or 0.0)
+        bundle = self.bundle_for(job.limits)
+        motion, ahead = best_candidate(bundle, job, count, effort.robust if effort is not None else share or 0.0)
         if effort is not None:
             motion, ahead = self._refined(job, motion, effort) or (motion, ahead)
-        return self._plan(job, motion, ahead, held)
+        return self._plan(bundle, job, motion, ahead, held)
 
     def plan_batch(
         self,
@@ -167,18 +188,19 @@ class Planner:
         )
         jobs = [Job(command, *self._defaults(*one)) for command, one in zip(commands, each, strict=True)]
         held = _tolerance(tolerance)
-        groups: dict[int, list[int]] = defaultdict(list)
+        groups: dict[tuple[Bundle, Hashable], list[int]] = defaultdict(list)
         for index, job in enumerate(jobs):
-            groups[chunk_count(job.command, self.bundle.manifest)].append(index)
+            bundle = self.bundle_for(job.limits)
+            groups[bundle, group_of(bundle.manifest, job)].append(index)
         plans: dict[int, Plan] = {}
-        for indices in groups.values():
+        for (bundle, _), indices in groups.items():
             group = [jobs[index] for index in indices]
-            motions, pans = decode(self.bundle, group)
+            motions, pans = decode(bundle, group)
             errors = friction_off_errors(
                 motions, [job.command.position for job in group], [job.friction for job in group]
             )
             for row, index in enumerate(indices):
-                plans[index] = self._plan(jobs[index], motions.one(row), pans[row], held, errors[row])
+                plans[index] = self._plan(bundle, jobs[index], motions.one(row), pans[row], held, errors[row])
         return [plans[index] for index in range(len(jobs))]
 
     def stream(
@@ -202,7 +224,7 @@ class Planner:
             InputError: as for `plan`.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
-        return Stream(self.bundle, job, _tolerance(tolerance) or REST_TOLERANCE)
+        return Stream(self.bundle_for(job.limits), job, _tolerance(tolerance) or REST_TOLERANCE)
 
     def _defaults(
         self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None
@@ -228,23 +250,30 @@ class Planner:
             motion.sliding[0],
             job.command.position,
             job.friction,
-            self.bundle.manifest.one_pan.chunk,
+            chunk_samples(self.bundle_for(job.limits).manifest, job.limits),
             effort,
         )
 
     def _plan(
-        self, job: Job, motion: Motion, ahead: Pan, tolerance: float | None, friction_off_rmse: float | None = None
+        self,
+        bundle: Bundle,
+        job: Job,
+        motion: Motion,
+        ahead: Pan,
+        tolerance: float | None,
+        friction_off_rmse: float | None = None,
     ) -> Plan:
         """Cut a motion back to the command's K samples, bring it to rest, and judge it.
 
         Args:
+            bundle: what planned it.
             job: what was planned.
             motion: K samples, or more.
             ahead: the pan at its end.
             tolerance: as for `plan`.
             friction_off_rmse: as for `assess`.
         """
-        manifest, command, samples = self.bundle.manifest, job.command.position, len(job.command)
+        manifest, command, samples = bundle.manifest, job.command.position, len(job.command)
         stop = stop_after(motion, samples, ahead, command[-1], job.friction)
         motion = motion.first(samples)
         quality = assess(
@@ -258,11 +287,11 @@ class Planner:
             None
             if tolerance is None
             else friction_range(motion, command, job.friction, tolerance, manifest.trained_on),
-            beyond(asked_for(job.command, job.friction, job.start), manifest.trained_on),
+            beyond_training(manifest, job),
             remarks=(*job.command.remarks, *job.command.notes),
             friction_off_rmse=friction_off_rmse,
         )
-        return Plan.of(motion, stop, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)
+        return Plan.of(motion, stop, command, job.friction, quality, manifest.name, bundle.sha256, job.sizes)
 
 
 def _command(position: Command | ArrayLike) -> Command:

@@ -24,13 +24,14 @@ from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError, ConcurrentUseError, InputError
 from runtime.measured import check_age, check_pan, check_states, complete
 from runtime.network.bundle import Bundle
-from runtime.network.decode import Job
-from runtime.network.reader import Reader
+from runtime.network.general import GeneralReader
+from runtime.network.job import Job
+from runtime.network.reader import Reader, read
 from runtime.physics.law import DT, slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.safety.governor import govern
-from runtime.safety.pan import Pan
+from runtime.safety.pan import Pan, state_after
 from runtime.safety.rest import kindest_stop
 from runtime.safety.stop import PanState, gentle_stop
 from runtime.start import Start
@@ -86,6 +87,20 @@ class Ending(NamedTuple):
     place: FloatArray | None = None
 
 
+class Asked(NamedTuple):
+    """From what a chunk was asked for: what it takes to be asked again before it has ended.
+
+    Attributes:
+        motion: the C samples before.
+        commanded: (6,) the pan by what was commanded alone, before the chunk.
+        reader: what gave the chunk, before it went on; None if no network did.
+    """
+
+    motion: Motion
+    commanded: FloatArray
+    reader: Reader | None = None
+
+
 class StreamState(NamedTuple):
     """What a stream carries from one chunk to the next.
 
@@ -93,6 +108,7 @@ class StreamState(NamedTuple):
         motion: the chunk given last, with the states that it is predicted to lead to.
         before, after: the pan before and after it.
         commanded: (6,) the pan by what was commanded alone: position (m) and velocity (m/s).
+        asked: from what the chunk was asked for.
         measured: the pan and object states handed in last, None where there were none.
         missing: chunks in a row in which something was missing; -1 before the first.
         status: of the chunk.
@@ -103,6 +119,7 @@ class StreamState(NamedTuple):
     before: Pan
     after: Pan
     commanded: FloatArray
+    asked: Asked
     measured: tuple[FloatArray | None, FloatArray | None] = (None, None)
     missing: int = -1
     status: StreamStatus = StreamStatus.FOLLOWING
@@ -122,6 +139,9 @@ class Stream:
         job: the command, the friction that motion is predicted with, the limits, the start and the sizes.
         tolerance: distance of the object from its mark (m) up to which the pan rests past the end of the command.
 
+    Attributes:
+        chunk: samples in a chunk, C: of a network for every pan as many as its limits make it.
+
     Raises:
         InputError: there are no limits, or the pan cannot come to rest within them from its start.
     """
@@ -129,12 +149,13 @@ class Stream:
     def __init__(self, bundle: Bundle, job: Job, tolerance: float = REST_TOLERANCE) -> None:
         if not job.limits.finite:
             raise InputError("a stream needs finite limits: without them there is no stop", "limits")
-        self._bundle, self._friction, self._limits, self._sizes = bundle, job.friction, job.limits, job.sizes
-        self._tolerance = tolerance
+        self._bundle, self._job, self._tolerance = bundle, job, tolerance
+        self._friction, self._limits, self._sizes = job.friction, job.limits, job.sizes
         self._lock = threading.Lock()
+        self._command = self._followed = job.command
+        self._reader = read(bundle, [job])
+        self.chunk = self._reader.chunk
         self._state = self._begin(job.start, job.command.position[0])
-        self._command = job.command
-        self._reader = Reader.at(bundle, [job.command])
 
     @property
     def status(self) -> StreamStatus:
@@ -142,7 +163,11 @@ class Stream:
         return self._state.status
 
     def step(
-        self, pan_state: ArrayLike | None = None, object_state: ArrayLike | None = None, age: float = 0.0
+        self,
+        pan_state: ArrayLike | None = None,
+        object_state: ArrayLike | None = None,
+        age: float = 0.0,
+        executed: int | None = None,
     ) -> FloatArray:
         """Give the pan accelerations for the next C samples; the first is to act at once.
 
@@ -151,28 +176,38 @@ class Stream:
         although something moved, or if it is more than a chunk old; then the policy of this module holds, and
         `status` says what happened.
 
+        A network for every pan may be asked before its chunk has ended. Where the pan could not stop from there, what
+        is left of the chunk is given again, and its stop behind it.
+
         Args:
             pan_state: (C, 6) the last C measured pan positions (m), relative to the centre of the reach, and
                 velocities (m/s) in the world, x, y, z of each, or (6,) the last one only; of a level pan also (C, 4)
                 or (4,), x and y of each. Before the first step, the start.
             object_state: (C, 4) or (4,), the same for the object, relative to the pan.
             age: of the last row (s); it is moved forward along what was commanded since.
+            executed: samples of the chunk given last that have been executed, 1 to C; all of them if None.
 
         Returns:
             (C, 3) pan accelerations (m/s^2).
 
         Raises:
-            InputError: a state of another shape or type, or an age that is no number: a mistake in the program.
+            InputError: a state of another shape or type, an age that is no number, or a network for one pan that is
+                asked before its chunk has ended: a mistake in the program.
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            last = self._state
-            chunk = self._bundle.manifest.one_pan.chunk
             measured = (
-                check_pan(pan_state, chunk, self._limits.level),
-                check_states(object_state, "object_state", chunk),
+                check_pan(pan_state, self.chunk, self._limits.level),
+                check_states(object_state, "object_state", self.chunk),
             )
-            late = check_age(age)
+            late, samples = check_age(age), self._check_executed(executed)
+            if samples < self.chunk:
+                early = self._after(samples)
+                if early is None:
+                    self._state = self._go_on(samples)._replace(measured=measured)
+                    return self._state.motion.acceleration.copy()
+                self._state = early
+            last = self._state
             if last.status is StreamStatus.BRAKING:
                 return self._stop(last.after)
             predicted = last.motion.pan[1:], last.motion.sliding[1:]
@@ -185,19 +220,21 @@ class Stream:
             if missing > 0 and status is StreamStatus.FOLLOWING:
                 status = StreamStatus.PREDICTED
             pan, sliding = (predicted[0] if pan is None else pan), (predicted[1] if sliding is None else sliding)
-            ending = self._ending(sliding[-1])
+            ending = self._ending(sliding[-1], samples)
             if ending is not None and self._rests(ending, sliding[-1]):
                 self._state = self._rest(ending, before, sliding[-1])._replace(measured=measured, missing=missing)
                 return self._state.motion.acceleration.copy()
             if self._over:
                 move = come_back(sliding[-1, :2], self._mark, self._friction)
-                self._reader = Reader.at(self._bundle, [Command(move)])
+                self._followed = Command(move)
+                self._reader = read(self._bundle, [self._job._replace(command=self._followed)])
             try:
-                motion, after = self._follow(before, pan, sliding)
+                motion, after, question = self._follow(before, pan, sliding)
             except BundleError:
                 return self._stop(before)
-            commanded = self._commanded(motion)
-            self._state = StreamState(motion, before, after, commanded, measured, missing, status, ending)
+            commanded = _commanded(last.commanded, motion)
+            asked = Asked(last.motion, last.commanded, question)
+            self._state = StreamState(motion, before, after, commanded, asked, measured, missing, status, ending)
             return motion.acceleration.copy()
 
     def brake(self, sample: int) -> FloatArray:
@@ -239,11 +276,13 @@ class Stream:
         """
         with self._alone():
             self._command = position if isinstance(position, Command) else Command.from_samples(position)
-            self._reader = Reader.at(self._bundle, [self._command])
+            self._followed = self._command
+            self._reader = read(self._bundle, [self._job._replace(command=self._command)])
             status = self._state.status
             if status is StreamStatus.RESTING:
                 status = StreamStatus.FOLLOWING
-            self._state = self._state._replace(status=status, ending=None)
+            asked = self._state.asked._replace(reader=None)
+            self._state = self._state._replace(status=status, ending=None, asked=asked)
 
     def reset(self, start: Start) -> None:
         """Begin again from where pan and object are, with what is left of the command.
@@ -253,12 +292,12 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            command, first, chunk = self._command, self._reader.chunk, self._bundle.manifest.one_pan.chunk
-            if self._reader.commands[0] is not command:  # the object was being brought back
-                first = -(-len(command) // chunk)
-            row = min(first * chunk, len(command) - 1)
-            self._state = self._begin(start, command.position[row])
-            self._reader = Reader.at(self._bundle, [command], first)
+            command, now = self._command, self._reader.now
+            if self._followed is not command:  # the object was being brought back
+                now = len(command)
+            self._state = self._begin(start, command.position[min(now, len(command) - 1)])
+            self._reader = read(self._bundle, [self._job._replace(command=command)], now)
+            self._followed = command
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
@@ -272,10 +311,73 @@ class Stream:
 
     def _begin(self, start: Start, mark: FloatArray) -> StreamState:
         """Return what is carried before the first chunk; `mark` (2,) is where the object is if nothing is said (m)."""
-        pan, chunk = Pan.at_start(start, self._limits), self._bundle.manifest.one_pan.chunk
-        u = np.tile(start.pan_acceleration, (chunk, 1))
-        still = (np.tile(state, (chunk + 1, 1)) for state in (start.pan_state(), start.object_state(mark)))
-        return StreamState(Motion(u, u, *still), pan, pan, start.pan_state())
+        pan = Pan.at_start(start, self._limits)
+        u = np.tile(start.pan_acceleration, (self.chunk, 1))
+        still = (np.tile(state, (self.chunk + 1, 1)) for state in (start.pan_state(), start.object_state(mark)))
+        motion = Motion(u, u, *still)
+        commanded = start.pan_state()
+        return StreamState(motion, pan, pan, commanded, Asked(motion, commanded))
+
+    def _check_executed(self, executed: int | None) -> int:
+        """Return how many samples of the chunk given last have been executed.
+
+        Raises:
+            InputError: there are not so many, or the network cannot be asked then.
+        """
+        if executed is None:
+            return self.chunk
+        whole = isinstance(executed, (int, np.integer)) and not isinstance(executed, bool)
+        if not whole or not 1 <= executed <= self.chunk:
+            raise InputError(f"executed must be a whole number from 1 to {self.chunk}, got {executed!r}", "executed")
+        if executed < self.chunk and not isinstance(self._reader, GeneralReader):
+            raise InputError(
+                f"a network for one pan is asked after all {self.chunk} samples of its chunk, not after {executed}: "
+                "use one for every pan",
+                "executed",
+            )
+        return int(executed)
+
+    def _after(self, samples: int) -> StreamState | None:
+        """Return what is carried when so many samples of the chunk have been executed; None without a stop from there.
+
+        Its motion is that of the last C samples. The reader goes back to where the command is then.
+        """
+        last = self._state
+        motion = _last(last.asked.motion, last.motion, samples)
+        states, u = motion.pan[1:], motion.acceleration
+        if last.status in (StreamStatus.BRAKING, StreamStatus.RESTING):
+            after = last.before.braked(samples, states, u)
+        else:
+            after = Pan.at(state_after(states, u), last.after.limits)
+            if not after.can_stop:
+                return None
+        if last.asked.reader is not None:
+            self._reader = last.asked.reader.after(samples)
+        commanded = _commanded(last.asked.commanded, last.motion.first(samples))
+        return last._replace(motion=motion, after=after, commanded=commanded)
+
+    def _go_on(self, samples: int) -> StreamState:
+        """Return what is carried with what is left of the chunk after so many samples, and its stop behind it."""
+        last = self._state
+        past = _last(last.asked.motion, last.motion, samples)
+        u = last.after.brake.accelerations(samples)
+        stop = self._predict(
+            last.after, u, u, integrate_pan(np.array(last.after.state[:6]), u), last.motion.sliding[-1]
+        )
+        motion = _last(last.motion, stop, samples)
+        asked = Asked(
+            past,
+            _commanded(last.asked.commanded, last.motion.first(samples)),
+            None if last.asked.reader is None else last.asked.reader.after(samples),
+        )
+        return last._replace(
+            motion=motion,
+            before=last.after._replace(state=state_after(past.pan[1:], past.acceleration)),
+            after=last.after.braked(samples, stop.pan[1:], u),
+            commanded=_commanded(last.commanded, stop),
+            asked=asked,
+            ending=None if last.ending is None else last.ending._replace(left=last.ending.left - samples),
+        )
 
     def _slide(self, state: FloatArray, u: FloatArray) -> FloatArray:
         return slide_one(state, u, self._friction)
@@ -316,16 +418,16 @@ class Stream:
         )
         return pan._replace(limits=wider), StreamStatus.OUTSIDE
 
-    def _follow(self, before: Pan, pan: FloatArray, sliding: FloatArray) -> tuple[Motion, Pan]:
-        """Ask the network and govern: the motion of the next chunk, and the pan at its end.
+    def _follow(self, before: Pan, pan: FloatArray, sliding: FloatArray) -> tuple[Motion, Pan, Reader]:
+        """Ask the network and govern: the motion of the next chunk, the pan at its end, and what was asked.
 
         Raises:
             BundleError: the network gave no finite number.
         """
-        asked, reader = self._reader.look(pan[None], sliding[None])
+        asked, reader = self._reader.look(pan[None], sliding[None], self._state.motion.acceleration[None, -1])
         acceleration, states, (after,) = govern([before], asked)
-        self._reader = reader
-        return self._predict(before, asked[0], acceleration[0], states[0], sliding[-1]), after
+        self._reader = reader.after(self.chunk)
+        return self._predict(before, asked[0], acceleration[0], states[0], sliding[-1]), after, reader
 
     @property
     def _mark(self) -> FloatArray:
@@ -336,19 +438,23 @@ class Stream:
     @property
     def _over(self) -> bool:
         """Whether the next chunk begins past the end of the command, or of the move that brings the object back."""
-        (command,) = self._reader.commands
-        return self._reader.chunk * self._bundle.manifest.one_pan.chunk >= len(command)
+        return self._reader.now >= len(self._followed)
 
-    def _ending(self, sliding: FloatArray) -> Ending | None:
-        """Return what goes on now that the object is measured at (4,), None before the end of the command."""
-        last, chunk = self._state.ending, self._bundle.manifest.one_pan.chunk
+    def _ending(self, sliding: FloatArray, samples: int) -> Ending | None:
+        """Return what goes on past the end of the command, None before.
+
+        Args:
+            sliding: (4,) the object, as it is measured.
+            samples: executed since it was asked before.
+        """
+        last = self._state.ending
         if last is None:
             if not self._over:
                 return None
-            return Ending(round(ENDING_TIME / DT) - (self._reader.chunk * chunk - len(self._command)))
+            return Ending(round(ENDING_TIME / DT) - (self._reader.now - len(self._command)))
         if last.place is not None and math.dist(sliding[:2], last.place) > self._tolerance:
             return Ending(round(RETURN_TIME / DT))
-        return last._replace(left=last.left - chunk)
+        return last._replace(left=last.left - samples)
 
     def _rests(self, ending: Ending, sliding: FloatArray) -> bool:
         """Whether the pan is to come to rest, or to stay there, rather than to bring the object (4,) to its mark."""
@@ -388,13 +494,6 @@ class Stream:
             before = before if brake is None else before._replace(state=state, brake=brake)
         return self._braked(before, sliding)._replace(status=StreamStatus.RESTING, ending=ending)
 
-    def _commanded(self, motion: Motion) -> FloatArray:
-        """Return the pan by what was commanded alone, after a chunk: (6,) position (m) and velocity (m/s)."""
-        pan, free = motion.pan, len(motion.acceleration) * DT
-        position, velocity = self._state.commanded[:3], self._state.commanded[3:]
-        moved = pan[-1, :3] - pan[0, :3] + (velocity - pan[0, 3:]) * free
-        return np.concatenate([position + moved, velocity + pan[-1, 3:] - pan[0, 3:]])
-
     def _stop(self, before: Pan) -> FloatArray:
         """Give the next chunk of the stop, which holds until `reset`."""
         last = self._state
@@ -406,11 +505,12 @@ class Stream:
 
     def _braked(self, before: Pan, sliding: FloatArray) -> StreamState:
         """Return the next chunk of a pan's stop."""
-        chunk = self._bundle.manifest.one_pan.chunk
-        u = before.brake.accelerations(chunk)
+        last = self._state
+        u = before.brake.accelerations(self.chunk)
         states = integrate_pan(np.array(before.state[:6]), u)
         motion = self._predict(before, u, u, states, sliding)
-        return StreamState(motion, before, before.braked(chunk, states, u), self._commanded(motion))
+        after, commanded = before.braked(self.chunk, states, u), _commanded(last.commanded, motion)
+        return StreamState(motion, before, after, commanded, Asked(last.motion, last.commanded))
 
     def _predict(
         self, before: Pan, asked: FloatArray, u: FloatArray, states: FloatArray, sliding: FloatArray
@@ -418,6 +518,25 @@ class Stream:
         """Return the motion of a chunk whose pan states after each sample are known, by the law of friction."""
         pan = np.concatenate([[before.state[:6]], states])
         return Motion(u, asked, pan, np.concatenate([sliding[None], self._slide(sliding, u)]))
+
+
+def _commanded(before: FloatArray, motion: Motion) -> FloatArray:
+    """Return the pan by what was commanded alone, after a motion and (6,) before it: position (m), velocity (m/s)."""
+    pan, free = motion.pan, len(motion.acceleration) * DT
+    position, velocity = before[:3], before[3:]
+    moved = pan[-1, :3] - pan[0, :3] + (velocity - pan[0, 3:]) * free
+    return np.concatenate([position + moved, velocity + pan[-1, 3:] - pan[0, 3:]])
+
+
+def _last(first: Motion, then: Motion, samples: int) -> Motion:
+    """Return as many samples as `first` has, the last of them so many of the motion that goes on from it."""
+    done = then.first(samples)
+    return Motion(
+        np.concatenate([first.acceleration[samples:], done.acceleration]),
+        np.concatenate([first.asked[samples:], done.asked]),
+        np.concatenate([first.pan[samples:-1], done.pan]),
+        np.concatenate([first.sliding[samples:-1], done.sliding]),
+    )
 
 
 def _moved_to(state: PanState, there: FloatArray) -> PanState:

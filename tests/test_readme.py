@@ -21,7 +21,7 @@ def test_python_example_runs_and_plans(tmp_path, monkeypatch):
     assert plan.quality.status in ("ok", "governed")
     assert plan.quality.tracking_rmse < 0.01
     assert (tmp_path / "plan.json").exists()
-    assert len(names["u"]) == names["chunk"]
+    assert len(names["u"]) == names["stream"].chunk
     assert names["stop"].ndim == 2
 
 

@@ -224,8 +224,8 @@ def slide_eval(
     """Evaluate networks on every family of commands they may be given, under nominal friction."""
     with extra("train"):
         from train.commands.families import FAMILIES
-        from train.evaluation.evaluate import evaluate, load_subject
-    subjects = [load_subject(path, name) for name, path in map(name_and_path, sources)]
+        from train.evaluation.evaluate import evaluate, load_subjects
+    subjects = [each for name, path in map(name_and_path, sources) for each in load_subjects(path, name)]
     names = [subject.name for subject in subjects]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

@@ -263,7 +263,8 @@ def run_plan(plan: Plan, settings: Simulated, planner: Planner | None = None) ->
     """Execute a plan, in closed loop if a planner is given, and return its figures."""
     source = open_loop(plan)
     if planner is not None:
-        source = closed_loop(planner.stream(plan.command_position), planner.bundle.manifest.one_pan.chunk, len(plan))
+        stream = planner.stream(plan.command_position)
+        source = closed_loop(stream, stream.chunk, len(plan))
     recording = execute(plan, SimulatedArm(settings), source)
     return Results.of(plan, recording, settings.friction)
 

@@ -103,9 +103,9 @@ def _steps(planner: Planner) -> Iterator[float]:
     manifest = planner.bundle.manifest
     for position in cycle(spline().positions):
         stream = planner.stream(position)
-        pan = np.zeros((manifest.one_pan.chunk, 6))
-        sliding = np.tile([*position[0], 0.0, 0.0], (manifest.one_pan.chunk, 1))
-        for _ in range(SAMPLES // manifest.one_pan.chunk):
+        pan = np.zeros((stream.chunk, 6))
+        sliding = np.tile([*position[0], 0.0, 0.0], (stream.chunk, 1))
+        for _ in range(SAMPLES // stream.chunk):
             begin = time.perf_counter()
             u = stream.step(pan, sliding)
             yield time.perf_counter() - begin

@@ -18,8 +18,9 @@ from runtime.command import Command
 from runtime.documents.checks import FloatArray
 from runtime.errors import extra
 from runtime.friction import Friction
-from runtime.network import reader
-from runtime.network.decode import Job, decode
+from runtime.network.decode import decode
+from runtime.network.job import Job
+from runtime.network.one_pan import Window
 from runtime.physics.law import DT, slide_one
 from runtime.physics.pan import IN_PLANE, integrate_pan
 from runtime.planner import Planner
@@ -59,12 +60,12 @@ class LongSettings:
     seconds: float = 60.0
     commands: int = 6
     short: int = 48
-    windows: tuple[reader.Window, ...] = (
-        reader.Window(),
-        reader.Window(unread=3),
-        reader.Window(unread=10),
-        reader.Window(12, 6),
-        reader.Window(10, 5),
+    windows: tuple[Window, ...] = (
+        Window(),
+        Window(unread=3),
+        Window(unread=10),
+        Window(12, 6),
+        Window(10, 5),
     )
     seeds: int = 3
 
@@ -173,7 +174,7 @@ def _rmse(planner: Planner, position: FloatArray) -> float:
     return planner.plan(position).quality.tracking_rmse
 
 
-def _pieces(planner: Planner, position: FloatArray, window: reader.Window) -> float:
+def _pieces(planner: Planner, position: FloatArray, window: Window) -> float:
     """Return the mean RMSE (m) of the pieces of a command that is planned in one call."""
     manifest = planner.bundle.manifest
     job = Job(Command(position), manifest.friction, manifest.limits, Start())
@@ -210,10 +211,11 @@ def recovery_of(planner: Planner, seeds: int) -> Recovery:
 def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, disturbed: bool) -> FloatArray:
     """Follow a command in closed loop with the law; returns the tracking RMSE of each chunk (m)."""
     rng = np.random.default_rng(seed)
-    chunk, friction = planner.bundle.manifest.one_pan.chunk, planner.bundle.manifest.friction
+    friction = planner.bundle.manifest.friction
     spread = np.array(NOISE) * float(noise)
     pan, sliding, states = np.zeros(6), np.array([*position[0], 0.0, 0.0]), (None, None)
     stream, errors = planner.stream(position), []
+    chunk = stream.chunk
     for count in range(len(position) // chunk):
         u = stream.step(*states)
         pans = integrate_pan(pan, u)

@@ -193,7 +193,7 @@ def _source(plan: Plan, options: ArmOptions, stack: ExitStack) -> tuple[Source, 
     planner = Planner(options.model)
     stream = planner.stream(plan.command_position, plan.friction, limits=limits, sizes=plan.sizes)
     remarks = _other(plan, planner.bundle.manifest.name, planner.bundle.sha256)
-    return closed_loop(stream, planner.bundle.manifest.one_pan.chunk, len(plan)), remarks
+    return closed_loop(stream, stream.chunk, len(plan)), remarks
 
 
 def _other(plan: Plan, name: str, sha256: str) -> list[str]:

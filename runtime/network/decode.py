@@ -2,38 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from runtime.command import Command
 from runtime.documents.checks import FloatArray
-from runtime.friction import Friction
-from runtime.limits import Limits
 from runtime.network.bundle import Bundle
-from runtime.network.manifest import DEFAULT_SIZES
-from runtime.network.reader import Reader, Window, chunk_count, held_still
+from runtime.network.job import Job
+from runtime.network.one_pan import Window
+from runtime.network.reader import group_of, read
 from runtime.physics.law import slide
 from runtime.physics.motion import Motion
 from runtime.safety.governor import govern
 from runtime.safety.pan import Pan
-from runtime.sizes import Sizes
-from runtime.start import Start
-
-
-class Job(NamedTuple):
-    """One command to be planned: where the object should be, on what, within what, from where, and on which pan."""
-
-    command: Command
-    friction: Friction
-    limits: Limits
-    start: Start
-    sizes: Sizes = DEFAULT_SIZES
 
 
 def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> tuple[Motion, list[Pan]]:
-    """Decode B commands of equally many chunks, n, into the motions of their nC samples.
+    """Decode B commands of one group (`group_of`), of n chunks, into the motions of their nC samples.
 
     The encoder reads a window of the commands, all of it unless they are long. Then, chunk by chunk, the decoder
     sees the C states its last C accelerations led to and asks for the next C accelerations; the governor makes them
@@ -47,21 +33,44 @@ def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) ->
         InputError: a pan cannot come to rest in its reach from its start.
         BundleError: an acceleration is no finite number.
     """
-    commands, frictions = [job.command for job in jobs], [job.friction for job in jobs]
+    frictions = [job.friction for job in jobs]
+    samples = max(len(job.command) for job in jobs)
     pans = [Pan.at_start(job.start, job.limits) for job in jobs]
     pan = np.stack([job.start.pan_state() for job in jobs])[:, None]
     sliding = np.stack([job.start.object_state(job.command.position[0]) for job in jobs])[:, None]
+    last = np.array([job.start.pan_acceleration for job in jobs])
     accelerations: list[FloatArray] = []
     askeds: list[FloatArray] = []
     pan_states, slidings = [pan], [sliding]
-    pan, sliding = (held_still(state, bundle.manifest) for state in (pan, sliding))
+    reader = read(bundle, jobs, window=window)
+    pan, sliding = (np.repeat(state, reader.chunk, axis=1) for state in (pan, sliding))  # it has been there
 
-    reader = Reader.at(bundle, commands, window=window)
-    for _ in range(chunk_count(commands[0], bundle.manifest)):
-        asked, reader = reader.look(pan, sliding)
+    while reader.now < samples:
+        asked, reader = reader.look(pan, sliding, last)
         u, pan, pans = govern(pans, asked)
         sliding = slide(sliding[:, -1], u, frictions)
+        reader, last = reader.after(reader.chunk), u[:, -1]
         for each, part in zip((accelerations, askeds, pan_states, slidings), (u, asked, pan, sliding), strict=True):
             each.append(part)
     parts = accelerations, askeds, pan_states, slidings
     return Motion(*(np.concatenate(each, axis=1) for each in parts)), pans
+
+
+def decode_all(bundle: Bundle, jobs: Sequence[Job]) -> list[tuple[Motion, Pan]]:
+    """Decode commands of any lengths: those of a group share the network's batch axis.
+
+    Returns:
+        Of each job, in their order, the motion and the pan at its end.
+
+    Raises:
+        InputError, BundleError: as `decode`.
+    """
+    groups: dict[Hashable, list[int]] = defaultdict(list)
+    for index, job in enumerate(jobs):
+        groups[group_of(bundle.manifest, job)].append(index)
+    found: dict[int, tuple[Motion, Pan]] = {}
+    for indices in groups.values():
+        motions, pans = decode(bundle, [jobs[index] for index in indices])
+        for row, index in enumerate(indices):
+            found[index] = motions.one(row), pans[row]
+    return [found[index] for index in range(len(jobs))]

@@ -52,10 +52,10 @@ TRAINED_ON = {
         "acceleration": "m/s^2",
         "jerk": "m/s^3",
         "reach": "of the pan's",
-        "speed": "of the network's",
-        "start_speed": "of the network's",
-        "corner": "of the network's",
-        "samples": "of the network's",
+        "speed": "m/s of the network's",
+        "start_speed": "m/s of the network's",
+        "corner": "m/s of the network's",
+        "samples": "of the network's time",
     },
 }
 """What the manifest gives the range of, and the unit, by the kind of network.

@@ -1,139 +1,77 @@
-"""The network reading commands, window by window: the one place that knows what it sees of a command, and when."""
+"""Networks of either kind, reading commands: what a decode loop or a stream asks them by."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, Self
+from collections.abc import Hashable, Sequence
+from typing import Protocol, Self
 
-import numpy as np
-
-from runtime.command import Command
 from runtime.documents.checks import FloatArray
-from runtime.errors import BundleError
-from runtime.network.bundle import Bundle, Float32Array, LstmState
-from runtime.network.manifest import Manifest
-from runtime.physics.pan import IN_PLANE
+from runtime.limits import Limits
+from runtime.network.bundle import Bundle
+from runtime.network.general import GeneralReader, chunk_of, time_of
+from runtime.network.job import Job
+from runtime.network.manifest import Manifest, OnePan
+from runtime.network.one_pan import OnePanReader, Window, chunk_count
 
 
-class Window(NamedTuple):
-    """How much of a long command is read at once.
+class Reader(Protocol):
+    """B commands as far as they have been read; a value, which neither `look` nor `after` changes."""
 
-    A command as long as those trained on, or shorter, is one window. Of a longer one the encoder reads as much, and
-    the next window begins `unread` chunks before the end of that, with the pan and the object where they are by then:
-    the memory needed does not grow with the length, and the decoder never works past what it was trained for.
-
-    Attributes:
-        chunks: read at once; None for as many as the longest command trained on had.
-        unread: chunks at the end of a window that are read and planned again with the next: where a command goes on,
-            the network must not think it ends. Which number is best depends on the commands; 7 was never far from it.
-    """
-
-    chunks: int | None = None
-    unread: int = 7
-
-    def ends(self, first: int, count: int, manifest: Manifest) -> tuple[int, int]:
-        """Return the chunk up to which `count` chunks are planned at once from chunk `first`, and up to which read."""
-        trained = int(manifest.trained_on["samples"][1]) // manifest.one_pan.chunk
-        most = max(self.unread + 1, trained if self.chunks is None else self.chunks)
-        seen = min(count, first + most)
-        return (count if seen == count else seen - self.unread), seen
-
-
-class Reader(NamedTuple):
-    """B commands of equally many chunks, as far as they have been read; a value, which `look` does not change.
-
-    Attributes:
-        bundle: the network.
-        commands: what is read; past its end a command is held.
-        window: how much is read at once.
-        first, last: chunks between which the present window is planned.
-        n: decoder iterations done in it.
-        ahead: (B, chunks, 4C) the window as the network reads it.
-        origin: (B, 1, 4) object states that positions are relative to.
-        memory: what the decoder carries.
-    """
-
-    bundle: Bundle
-    commands: Sequence[Command]
-    window: Window
-    first: int
-    last: int
-    n: int
-    ahead: Float32Array
-    origin: FloatArray
-    memory: LstmState
-
-    @classmethod
-    def at(cls, bundle: Bundle, commands: Sequence[Command], first: int = 0, window: Window | None = None) -> Self:
-        """Read commands from chunk `first` on."""
-        window, manifest = window or Window(), bundle.manifest
-        last, seen = window.ends(first, max(chunk_count(commands[0], manifest), first + 1), manifest)
-        ahead = np.stack([_chunks(command, manifest, first, seen) for command in commands])
-        origin = np.zeros((len(commands), 1, 4))
-        origin[:, 0, :2] = [
-            command.position[min(first * manifest.one_pan.chunk, len(command) - 1)] for command in commands
-        ]
-        memory = bundle.encode(ahead[:, : seen - first])
-        return cls(bundle, commands, window, first, last, 0, ahead, origin, memory)
+    @property
+    def now(self) -> int:
+        """The sample of the commands at which the network is asked next."""
 
     @property
     def chunk(self) -> int:
-        """Number of the chunk that comes next."""
-        return self.first + self.n
+        """Samples of an answer, C."""
 
-    def look(self, pan: FloatArray, sliding: FloatArray) -> tuple[FloatArray, Self]:
+    def look(self, pan: FloatArray, sliding: FloatArray, last: FloatArray) -> tuple[FloatArray, Self]:
         """Ask for the next chunk.
 
         Args:
             pan: (B, C, 6) the last C pan states relative to the centre of the reach (m, m/s).
             sliding: (B, C, 4) the last C object states relative to the pan (m, m/s).
+            last: (B, 3) the pans' accelerations over the sample before (m/s^2).
 
         Returns:
-            (B, C, 3) pan accelerations (m/s^2), and the reader a chunk farther. A network that plans for level pans
-            sees nothing of the pan's height, and asks for none.
+            (B, C, 3) pan accelerations (m/s^2), and the reader that remembers the question.
 
         Raises:
             BundleError: an acceleration is no finite number.
         """
-        manifest, reader = self.bundle.manifest, self
-        if self.chunk == self.last < chunk_count(self.commands[0], manifest):
-            reader = self.at(self.bundle, self.commands, self.last, self.window)
-        seen = np.arange(reader.n, reader.n + manifest.one_pan.command_ahead)
-        command = reader.ahead[:, np.minimum(seen, reader.ahead.shape[1] - 1)]
-        states = np.concatenate([pan[:, :, IN_PLANE], sliding - reader.origin], axis=2)
-        observation = np.concatenate([states.reshape(len(pan), -1), command.reshape(len(pan), -1)], axis=1)
-        u, memory = self.bundle.decode_step(observation.astype(np.float32), reader.memory)
-        if not np.isfinite(u).all():
-            raise BundleError(f"the network of bundle {manifest.name!r} gave no finite number in iteration {reader.n}")
-        asked = np.zeros((*u.shape[:2], 3))
-        asked[..., :2] = u
-        return asked, reader._replace(n=reader.n + 1, memory=memory)
+
+    def after(self, samples: int) -> Self:
+        """Go on after so many samples of the answer have been executed.
+
+        Raises:
+            InputError: the network cannot be asked then.
+        """
 
 
-def chunk_count(command: Command, manifest: Manifest) -> int:
-    """Return the number of chunks the command fills, the last one maybe in part."""
-    return -(-len(command) // manifest.one_pan.chunk)
+def read(bundle: Bundle, jobs: Sequence[Job], now: int = 0, window: Window | None = None) -> Reader:
+    """Read the commands of jobs that are of one group (`group_of`).
 
-
-def held_still(state: FloatArray, manifest: Manifest) -> FloatArray:
-    """Return the states that the decoder sees first, (B, C, ...): the start, (B, 1, ...), C times."""
-    return np.repeat(state, manifest.one_pan.chunk, axis=1)
-
-
-def _chunks(command: Command, manifest: Manifest, first: int, last: int) -> Float32Array:
-    """Lay chunks `first` to `last` of a command out as the network reads them.
-
-    Returns:
-        (chunks, 4C) rows x, y, vx, vy relative to the first position of chunk `first`; `command_ahead` chunks more
-        than asked for. Past its end the command is held at rest.
+    Args:
+        bundle: the network.
+        jobs: what is to be planned.
+        now: the sample from which to read; a network for one pan begins at the next whole chunk.
+        window: how much a network for one pan reads at once.
     """
-    chunk = manifest.one_pan.chunk
-    part = slice(first * chunk, (last + manifest.one_pan.command_ahead) * chunk)
-    position, velocity = command.position[part], command.velocity[part]
-    samples = len(position)
-    origin = command.position[min(part.start, len(command) - 1)]
-    rows = np.zeros((part.stop - part.start, 4), dtype=np.float32)
-    rows[:samples, :2] = position - origin
-    rows[:samples, 2:] = velocity
-    rows[samples:, :2] = command.position[-1] - origin
-    return rows.reshape(-1, 4 * chunk)
+    network = bundle.manifest.network
+    if isinstance(network, OnePan):
+        return OnePanReader.at(bundle, [job.command for job in jobs], -(-now // network.chunk), window)
+    return GeneralReader.at(bundle, jobs, now)
+
+
+def group_of(manifest: Manifest, job: Job) -> Hashable:
+    """Return what jobs must have in common to be decoded together: as many questions, of equal length."""
+    if isinstance(manifest.network, OnePan):
+        return chunk_count(job.command, manifest)
+    step = time_of(job.limits, job.reach_used)
+    return step, -(-len(job.command) // chunk_of(step))
+
+
+def chunk_samples(manifest: Manifest, limits: Limits) -> int:
+    """Return the samples of an answer, C."""
+    network = manifest.network
+    return network.chunk if isinstance(network, OnePan) else chunk_of(time_of(limits))

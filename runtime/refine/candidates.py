@@ -13,13 +13,18 @@ import numpy as np
 from runtime.command import Command
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle
-from runtime.network.decode import Job, decode
+from runtime.network.decode import decode_all
+from runtime.network.job import Job
+from runtime.network.manifest import GENERAL
 from runtime.physics.law import slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.refine.refine import expected, robust_error
 from runtime.safety.pan import Pan, state_after
 from runtime.start import Pair, Start, Vector
+
+SHARES = (1.0, 0.7, 0.5)
+"""Shares of its reach that a network for every pan is told, in turn, by the candidates."""
 
 
 def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple[Motion, Pan]:
@@ -38,28 +43,32 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
         InputError, BundleError: as `decode`.
     """
     if count == 1:
-        motion, (ahead,) = decode(bundle, [job])
-        return motion.one(0), ahead
+        return decode_all(bundle, [job])[0]
     turns = [_turn(index, count) for index in range(count)]
-    motion, pans = decode(bundle, [job] + [_turned(job, turn) for turn in turns[1:]])
-    samples, sliding = len(job.command), motion.sliding[0, 0]
+    jobs = [job] + [_turned(job, turn) for turn in turns[1:]]
+    if bundle.manifest.kind == GENERAL:
+        jobs = [each._replace(reach_used=SHARES[index % len(SHARES)]) for index, each in enumerate(jobs)]
+    decoded = decode_all(bundle, jobs)
+    first, ahead = decoded[0]
+    samples, sliding = len(job.command), first.sliding[0]
     frictions = expected(job.friction, robust)
     errors = [
-        robust_error(_back(motion.acceleration[index, :samples], turn), sliding, job.command.position, frictions)
-        for index, turn in enumerate(turns)
+        robust_error(_back(motion.acceleration[:samples], turn), sliding, job.command.position, frictions)
+        for (motion, _), turn in zip(decoded, turns, strict=True)
     ]
     best = int(np.argmin(errors))
     if best == 0:
-        return motion.one(0), pans[0]
-    u, asked = (_back(each[best], turns[best]) for each in (motion.acceleration, motion.asked))
-    pan = integrate_pan(motion.pan[0, 0], u)
+        return first, ahead
+    (motion, after), turn = decoded[best], turns[best]
+    u, asked = (_back(each, turn) for each in (motion.acceleration, motion.asked))
+    pan = integrate_pan(first.pan[0], u)
     turned = Motion(
         u,
         asked,
-        np.concatenate([motion.pan[0, :1], pan]),
+        np.concatenate([first.pan[:1], pan]),
         np.concatenate([sliding[None], slide_one(sliding, u, job.friction)]),
     )
-    return turned, Pan(state_after(pan, u), pans[best].brake.turned(turns[best]), job.limits)
+    return turned, Pan(state_after(pan, u), after.brake.turned(turn), job.limits)
 
 
 def _back(u: FloatArray, turn: FloatArray) -> FloatArray:

@@ -153,7 +153,7 @@ class Follower:
             reader,
             client,
         )
-        self._settings, self._chunk = service.settings, planner.bundle.manifest.one_pan.chunk
+        self._settings, self._chunk = service.settings, 0
 
     async def follow(self) -> None:
         """Open the stream and answer its steps until the client leaves.
@@ -165,6 +165,7 @@ class Follower:
         """
         command, job, packed, axes = await self._read("stream", _data(await self._receive()))
         following = self._planner.stream(command, job.friction, limits=job.limits, start=job.start)
+        self._chunk = following.chunk
         manifest = self._planner.bundle.manifest
         model = {"name": manifest.name, "sha256": self._planner.bundle.sha256}
         opened = {

@@ -21,7 +21,7 @@ from typing import Any
 
 from runtime import Command, InputError, Start
 from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT
-from runtime.network.reader import chunk_count
+from runtime.network.reader import chunk_samples
 from server import logs
 from server.http.schemas import (
     PlanRequest,
@@ -81,7 +81,7 @@ def _check_positions(body: bytes, options: ReaderOptions) -> None:
 
 
 def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob:
-    chunks = chunk_count(command, options.manifest) * (job.candidates or 1)
+    chunks = -(-len(command) // chunk_samples(options.manifest, job.limits)) * (job.candidates or 1)
     if chunks > options.max_chunks and job.candidates is not None:
         detail = f"{job.candidates} candidates have {chunks} chunks together, at most {options.max_chunks} are planned"
         raise InputError(detail, "candidates")

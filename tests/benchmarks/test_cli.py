@@ -18,7 +18,7 @@ from benchmarks.harness.tables import WIDTH, print_tables
 from benchmarks.sections.training import Variation
 from benchmarks.suite.families import FRICTION_GRID
 from runtime.errors import MissingExtraError
-from runtime.network.reader import Window
+from runtime.network.one_pan import Window
 
 SHORT: dict[str, dict[str, Any]] = {
     "accuracy": {"family": ("spline", "friction"), "commands": 2},

@@ -8,8 +8,10 @@ import pytest
 import torch
 
 from export.general_graphs import general_decoder_step_graph, general_encoder_graph
+from export.quantize import quantize_bundle
 from export.verify import VerificationError, verify_answers
 from export.write_bundle import export_bundle
+from runtime import Friction, Limits, Planner
 from runtime.network.bundle import Bundle
 from runtime.network.onnx_check import check_graph
 from runtime.network.units import (
@@ -24,7 +26,9 @@ from runtime.network.units import (
     Situation,
 )
 from train.config import load_config
+from train.evaluation.evaluate import commands_of, load_subjects
 from train.general.network import GeneralNetwork, Told, observe
+from train.general.real_time import PanLimits, follow
 from train.general.recipe import VALIDATED, load_network
 from train.learn.trainer import Trainer
 from train.network.checkpoint import load_checkpoint
@@ -102,3 +106,44 @@ def test_bundle_that_answers_otherwise_is_refused(run, tmp_path):
         network.output.bias[3] += 0.001
     with pytest.raises(VerificationError, match="answers of the bundle"):
         verify_answers(network, tmp_path / "bundle")
+
+
+@pytest.mark.parametrize("pan", [PanLimits(0.2, 30.0, 10_000.0, height=0.1), PanLimits(0.1, 40.0, 20_000.0)])
+def test_runtime_follows_as_the_training_s_own_loop_does(run, tmp_path, pan):
+    export_bundle(run, tmp_path / "bundle")
+    _, network = load_network(load_checkpoint(run))
+    position = 0.5 * commands_of("spline_acceleration", 3)[:, :200]
+    friction = Friction(0.3, 0.2)
+    followed = follow(network, position, pan, friction, friction)
+    limits = Limits(pan.reach, height=pan.height, acceleration=pan.acceleration, jerk=pan.jerk)
+    plans = Planner(tmp_path / "bundle").plan_batch(position, friction, limits=limits)
+    for plan, u, sliding in zip(plans, followed.acceleration, followed.sliding, strict=True):
+        # Two chunks, or three: until the pan comes to the end of its reach, which is nobody's in the training's loop.
+        first = plan.pan_acceleration[:90]
+        assert np.abs(first).max() > 5.0
+        assert first == pytest.approx(u[:90], abs=2e-3)
+        assert plan.object_position[1:90] == pytest.approx(sliding[:89, :2], abs=1e-6)
+
+
+def test_int8_bundle_plans_nearly_as_well_for_every_pan(run, tmp_path):
+    export_bundle(run, tmp_path / "bundle")
+    comparison = quantize_bundle(tmp_path / "bundle", tmp_path / "int8", max_growth=0.5).comparison
+    assert comparison.commands == 3 * 16 * 7
+    manifest = Bundle.load(tmp_path / "int8").manifest
+    assert (manifest.precision, manifest.kind) == ("int8", "general")
+    position = commands_of("spline_acceleration", 2)[:, :300]
+    plans = (Planner(tmp_path / name).plan_batch(position, limits=Limits(height=0.1)) for name in ("bundle", "int8"))
+    for fp32, int8 in zip(*plans, strict=True):
+        assert int8.pan_acceleration[:60] == pytest.approx(fp32.pan_acceleration[:60], abs=1.5)
+
+
+def test_run_and_bundle_are_evaluated_level_and_lifting(run, tmp_path):
+    export_bundle(run, tmp_path / "bundle")
+    subjects = [*load_subjects(run, "a"), *load_subjects(tmp_path / "bundle", "b")]
+    assert [each.name for each in subjects] == ["a", "a, lifting", "b", "b, lifting"]
+    assert subjects[0].origin == "for every pan, 0 trajectories; acceleration, jerk and speed held"
+    assert subjects[2].origin == "for every pan, 0 trajectories; limits in force"
+    position = commands_of("moves", 2)[:, :200]
+    for each in subjects:
+        plans = each.plan(position, Friction())
+        assert plans[0].pan_acceleration[:, 2].any() == ("lifting" in each.name)

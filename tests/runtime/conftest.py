@@ -7,7 +7,7 @@ import hashlib
 import json
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from runtime import Plan, Planner
 from runtime.network.bundle import Bundle, Float32Array, LstmState
+from runtime.network.units import CHUNK, OBSERVED, READ, Constants
 
 OPSET = 17
 SIZES = {"chunk": 100, "units": 8, "layers": 2, "command_ahead": 2}
@@ -144,6 +145,64 @@ def write_bundle(folder: Path, models: dict[str, bytes] | None = None, **changes
     manifest = {name: value for name, value in (manifest | changes).items() if value is not ...}
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     return folder
+
+
+def general_graphs(units: int = 8, layers: int = 2, scale: float = 8.0) -> dict[str, bytes]:
+    """Return the graphs of a network for every pan: accelerations in space, in no bounds."""
+    encoder = Graph(seed=3)
+    x = encoder.node("Transpose", ["command"], ["x0"], perm=[1, 0, 2])
+    for layer in range(layers):
+        x = encoder.lstm(x, READ if layer == 0 else units, units, layer)
+    for name, letter in (("hidden", "h"), ("cell", "c")):
+        encoder.node("Concat", [f"{letter}{layer}" for layer in range(layers)], [name], axis=0)
+    memory: list[int | str] = [layers, "batch", units]
+    step = Graph(seed=4)
+    step.constant("zero", np.array([0]))
+    x = step.node("Unsqueeze", ["observation", "zero"], ["x0"])
+    for name, letter in (("hidden", "h"), ("cell", "c")):
+        step.node("Split", [name], [f"{letter}_{layer}" for layer in range(layers)], axis=0)
+    for layer in range(layers):
+        x = step.lstm(x, OBSERVED if layer == 0 else units, units, layer, (f"h_{layer}", f"c_{layer}"))
+    top = step.node("Squeeze", [x, "zero"], ["top"])
+    raw = step.node("MatMul", [top, step.weight("out", units, 3 * CHUNK, scale=scale)], ["raw"])
+    step.node("Reshape", [raw, step.constant("triples", np.array([-1, CHUNK, 3]))], ["pan_acceleration"])
+    for name, letter in (("hidden_out", "h"), ("cell_out", "c")):
+        step.node("Concat", [f"{letter}{layer}" for layer in range(layers)], [name], axis=0)
+    return {
+        "encoder": encoder.model({"command": ["batch", "chunks", READ]}, {"hidden": memory, "cell": memory}),
+        "decoder_step": step.model(
+            {"observation": ["batch", OBSERVED], "hidden": memory, "cell": memory},
+            {"pan_acceleration": ["batch", CHUNK, 3], "hidden_out": memory, "cell_out": memory},
+        ),
+    }
+
+
+TRAINED = {
+    "static": [0.05, 1.5], "kinetic": [0.02, 1.5], "push": [0.0, 0.88], "pan_reach": [0.02, 0.4], "height": [0.0, 0.2],
+    "pan_speed": [0.5, 3.0], "acceleration": [2.0, 40.0], "jerk": [500.0, 20_000.0], "reach": [0.0, 1.5],
+    "speed": [0.0, 1.1], "start_speed": [0.0, 1.0], "corner": [0.0, 1.2], "samples": [256, 1536],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def general_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a tiny network for every pan."""
+    network = {"kind": "general", **asdict(Constants())}
+    old = dict.fromkeys(("chunk", "command_ahead", "acceleration_bound", "pan_limit"), ...)
+    return write_bundle(
+        tmp_path_factory.mktemp("bundles") / "every",
+        general_graphs(),
+        **old,
+        format="slide-bundle/2",
+        name="every",
+        network=network,
+        trained_on=TRAINED,
+    )
+
+
+@pytest.fixture(scope="session")
+def general_planner(general_path: Path) -> Planner:
+    return Planner(general_path)
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import BundleError, Command, Friction, InputError, Limits, Plan, Planner, Sizes, Start, Status
 from runtime.commands.reading import Reading
-from runtime.network.reader import Window
+from runtime.network.one_pan import Window
 from runtime.physics.law import BATCHED_FROM, compile_law, slide_one
 from runtime.physics.pan import integrate_pan
 

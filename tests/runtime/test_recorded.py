@@ -60,7 +60,7 @@ def streamed(planner: Planner) -> dict[str, np.ndarray]:
     """Closed loops in which much goes wrong: noise, pushes, gaps, another command, a pan outside, a stop."""
     rng = np.random.default_rng(5)
     stream = planner.stream(loop(1500, 1.2), Friction(0.9, 0.45))
-    chunk = planner.bundle.manifest.one_pan.chunk
+    chunk = stream.chunk
     given, pan, sliding = [], np.zeros((chunk, 4)), np.zeros((chunk, 4))
     for n in range(24):
         if n == 9:

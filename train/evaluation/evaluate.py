@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
 from runtime import Friction, Plan, Planner
 from runtime.arm.run import Follower
-from runtime.network.manifest import Manifest
+from runtime.errors import InputError
+from runtime.limits import Limits
+from runtime.network.manifest import GENERAL, MANIFEST_FILE, Manifest
+from runtime.network.units import CHUNK
 from runtime.physics.motion import in_space
 from runtime.physics.pan import IN_PLANE
 from train.batches.batches import Batch, make_batch
 from train.commands.families import FAMILIES, FloatArray, free_commands
-from train.config import TrainConfig
+from train.config import AnyConfig, read_config
+from train.general.config import GeneralConfig
+from train.general.real_time import PanLimits
+from train.general.real_time import follow as follow_commands
+from train.general.recipe import load_network
 from train.network.checkpoint import load_checkpoint, load_model
 from train.network.model import Seq2Seq
 from train.physics.closed_loop import decode
@@ -27,6 +34,9 @@ SAMPLES = 1200
 REACH = (0.03, 0.15)
 SPEED = 0.7
 NOMINAL = Friction()
+
+PANS = {"": 0.0, ", lifting": 0.1}
+"""What is added to the name of a network for every pan, and how far the pan lifts (m)."""
 
 
 class Subject(NamedTuple):
@@ -59,8 +69,10 @@ class Row(NamedTuple):
     change_mean: float
 
 
-def load_subject(source: Path, name: str = "") -> Subject:
+def load_subjects(source: Path, name: str = "") -> list[Subject]:
     """Return the network of a run's folder, a checkpoint file or a bundle's folder.
+
+    A network for every pan is two subjects: on a level pan, and on one that lifts by HEIGHT.
 
     Args:
         source: its path.
@@ -70,20 +82,33 @@ def load_subject(source: Path, name: str = "") -> Subject:
         FormatError, BundleError: it is none of these.
     """
     name = name or (source.parent.name if source.is_file() else source.name)
-    if (source / "manifest.json").exists():
+    if (source / MANIFEST_FILE).exists():
         planner = Planner(source)
         manifest = planner.bundle.manifest
-
-        def plan_by_bundle(position: FloatArray, friction: Friction) -> list[Plan]:
-            return planner.plan_batch(list(position), friction)
-
-        origin = f"{_origin_of(manifest)}; limits in force"
-        return Subject(name, plan_by_bundle, planner.stream, manifest.one_pan.chunk, origin)
-
+        if manifest.kind != GENERAL:
+            return [_of_bundle(planner, name, manifest.limits)]
+        return [_of_bundle(planner, f"{name}{lifting}", Limits(height=height)) for lifting, height in PANS.items()]
     checkpoint = load_checkpoint(source)
+    if not isinstance(read_config(checkpoint["config"]), GeneralConfig):
+        return [_of_run(checkpoint, name)]
+    return [_of_general_run(checkpoint, f"{name}{lifting}", height) for lifting, height in PANS.items()]
+
+
+def _of_bundle(planner: Planner, name: str, limits: Limits) -> Subject:
+    def plan(position: FloatArray, friction: Friction) -> list[Plan]:
+        return planner.plan_batch(list(position), friction, limits=limits)
+
+    def follow(position: FloatArray) -> Follower:
+        return planner.stream(position, limits=limits)
+
+    chunk = planner.stream(np.zeros((2, 2)), limits=limits).chunk
+    return Subject(name, plan, follow, chunk, f"{_origin_of(planner.bundle.manifest)}; limits in force")
+
+
+def _of_run(checkpoint: dict[str, Any], name: str) -> Subject:
     config, model = load_model(checkpoint)
 
-    def plan_by_network(position: FloatArray, friction: Friction) -> list[Plan]:
+    def plan(position: FloatArray, friction: Friction) -> list[Plan]:
         inputs = _held(position, config.chunk, friction)
         with torch.no_grad():
             u = decode(model, inputs.command, inputs.static, inputs.kinetic).u.numpy()
@@ -93,23 +118,40 @@ def load_subject(source: Path, name: str = "") -> Subject:
         ]
 
     origin = f"{_trained(config, checkpoint['epoch'], checkpoint.get('began_with'))}; no limits"
-    return Subject(name, plan_by_network, lambda position: NetworkStream(model, position), config.chunk, origin)
+    return Subject(name, plan, lambda position: NetworkStream(model, position), config.chunk, origin)
+
+
+def _of_general_run(checkpoint: dict[str, Any], name: str, height: float) -> Subject:
+    config, network = load_network(checkpoint)
+    limits = Limits()
+    pan = PanLimits(limits.pan_reach, limits.acceleration, limits.jerk, height=height)
+
+    def plan(position: FloatArray, friction: Friction) -> list[Plan]:
+        u = follow_commands(network, position, pan, friction, friction).acceleration
+        return [Plan.of_accelerations(one, friction, name, each) for one, each in zip(u, position, strict=True)]
+
+    def follow(_: FloatArray) -> Follower:
+        raise InputError(f"{name}: a network for every pan follows as a bundle: make one of it with  slide-export")
+
+    origin = f"{_trained(config, checkpoint['epoch'], None)}; acceleration, jerk and speed held"
+    return Subject(name, plan, follow, CHUNK, origin)
 
 
 def _origin_of(manifest: Manifest) -> str:
     """Say on how much a bundle's network was trained; its manifest may say so in another way, or not at all."""
     training = manifest.training
     try:
-        config = TrainConfig.model_validate(training["configuration"])
+        config = read_config(training["configuration"])
         return _trained(config, training["epochs"], training.get("began_with"))
     except (KeyError, TypeError, ValueError):
         return "training unknown"
 
 
-def _trained(config: TrainConfig, epochs: int, began_with: Mapping[str, str] | None) -> str:
+def _trained(config: AnyConfig, epochs: int, began_with: Mapping[str, str] | None) -> str:
     """Say on how much a network was trained, and after what."""
     after = f", after {began_with['name']}" if began_with else ""
-    return f"model {config.model}, {epochs * config.trajectories:,} trajectories{after}"
+    model = "for every pan" if isinstance(config, GeneralConfig) else f"model {config.model}"
+    return f"{model}, {epochs * config.trajectories:,} trajectories{after}"
 
 
 def _held(position: FloatArray, chunk: int, friction: Friction) -> Batch:

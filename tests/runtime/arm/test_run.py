@@ -65,7 +65,8 @@ def test_open_loop_on_an_ideal_arm_is_the_plan(plan: Plan) -> None:
 
 def test_closed_loop_on_an_ideal_arm_is_the_plan(planner: Planner, make_curve: Callable[..., FloatArray]) -> None:
     plan = planner.plan(make_curve(350))
-    source = closed_loop(planner.stream(plan.command_position), planner.bundle.manifest.one_pan.chunk, len(plan))
+    stream = planner.stream(plan.command_position)
+    source = closed_loop(stream, stream.chunk, len(plan))
     recording = execute(plan, IdealArm(plan.friction), source)
     assert recording.pan_acceleration[: len(plan)] == pytest.approx(plan.pan_acceleration, abs=1e-9)
     assert not recording.pan[:, 2].any(), "a level plan stays level"

@@ -10,7 +10,7 @@ from runtime.physics.pan import IN_PLANE
 from runtime.planner import DEFAULT_BUNDLE
 from train.batches.batches import make_batch
 from train.commands.families import free_commands
-from train.evaluation.evaluate import NetworkStream, commands_of, load_subject
+from train.evaluation.evaluate import NetworkStream, commands_of, load_subjects
 from train.network.model import Seq2Seq
 from train.physics.closed_loop import decode
 
@@ -38,7 +38,7 @@ def test_a_model_is_executed_in_every_way_and_drawn():
     figure = pytest.importorskip("matplotlib.figure")
     from train.evaluation import arm
 
-    subject = load_subject(DEFAULT_BUNDLE)
+    subject = load_subjects(DEFAULT_BUNDLE)[0]
     position = commands_of("spline_acceleration", 1)
     rows = arm.evaluate_on_arm(subject, position)
     assert list(rows) == [arm.LAW, *arm.WAYS]
