@@ -2,12 +2,14 @@
 
 A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a
 request's names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents,
-`<!-- folders: runtime -->` that of a package's folders.
+`<!-- folders: runtime -->` that of a package's folders, and `<!-- notebook: first_plan -->` a notebook of
+`examples/notebooks` with what it shows.
 """
 
 from __future__ import annotations
 
 import ast
+import json
 import os
 import re
 import subprocess
@@ -29,6 +31,7 @@ WIDTH = 100
 
 PROGRAM = re.compile(r"^<!-- program: (slide-[a-z-]+) -->$", flags=re.MULTILINE)
 SCHEMA = re.compile(r"^<!-- schema: ([A-Za-z]+) -->$", flags=re.MULTILINE)
+NOTEBOOK = re.compile(r"^<!-- notebook: ([a-z_]+) -->$", flags=re.MULTILINE)
 FOLDERS = re.compile(r"^<!-- folders: ([a-z]+) -->$", flags=re.MULTILINE)
 
 
@@ -43,6 +46,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     """Replace the marks of one page."""
     markdown = PROGRAM.sub(lambda found: f"```text\n{help_of(found[1])}\n```", markdown)
     markdown = FOLDERS.sub(lambda found: folders_table(found[1]), markdown)
+    markdown = NOTEBOOK.sub(lambda found: notebook_page(found[1]), markdown)
     markdown = SCHEMA.sub(lambda found: schema_table(found[1]), markdown)
     markdown = markdown.replace("<!-- settings -->", settings_table())
     return markdown.replace("<!-- problems -->", problems_table())
@@ -81,6 +85,30 @@ def folders_table(package: str) -> str:
         said = ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))) or ""
         rows.append(f"| `{package}/{init.parent.name}/` | {said.splitlines()[0] if said else ''} |")
     return "\n".join(rows)
+
+
+def notebook_page(name: str) -> str:
+    """Return a notebook of `examples/notebooks` as a page: its text, its code, and what each cell has shown."""
+    path = ROOT / "examples" / "notebooks" / f"{name}.ipynb"
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        parts += [_shown_output(output) for output in cell["outputs"]]
+    return "\n\n".join(parts)
+
+
+def _shown_output(output: dict[str, Any]) -> str:
+    """Return what a cell has shown, the richest form of it."""
+    data = {kind: "".join(content) for kind, content in output.get("data", {}).items()}
+    if "text/html" in data:
+        return "\n".join(line for line in data["text/html"].splitlines() if line.strip())  # a blank line would end it
+    if "image/png" in data:
+        return f'<img alt="" src="data:image/png;base64,{"".join(data["image/png"].split())}">'
+    return f"```text\n{(data.get('text/plain') or ''.join(output.get('text', ''))).rstrip()}\n```"
 
 
 def schema_table(name: str) -> str:
