@@ -2,13 +2,14 @@
 
 A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a
 request's names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents,
-`<!-- folders: runtime -->` that of a package's folders, and `<!-- notebook: first_plan -->` a notebook of
-`examples/notebooks` with what it shows.
+`<!-- folders: runtime -->` that of a package's folders, `<!-- notebook: first_plan -->` a notebook of
+`examples/notebooks` with what it shows, and `<!-- gallery -->` the plans of `examples/gallery.py`.
 """
 
 from __future__ import annotations
 
 import ast
+import importlib.util
 import json
 import os
 import re
@@ -31,6 +32,7 @@ WIDTH = 100
 
 PROGRAM = re.compile(r"^<!-- program: (slide-[a-z-]+) -->$", flags=re.MULTILINE)
 SCHEMA = re.compile(r"^<!-- schema: ([A-Za-z]+) -->$", flags=re.MULTILINE)
+GALLERY = "<!-- gallery -->"
 NOTEBOOK = re.compile(r"^<!-- notebook: ([a-z_]+) -->$", flags=re.MULTILINE)
 FOLDERS = re.compile(r"^<!-- folders: ([a-z]+) -->$", flags=re.MULTILINE)
 
@@ -42,14 +44,28 @@ def on_config(config: Any) -> Any:
     return config
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
+def on_page_markdown(markdown: str, config: Any = None, **_: Any) -> str:
     """Replace the marks of one page."""
+    if GALLERY in markdown:
+        markdown = markdown.replace(GALLERY, gallery(Path(config.site_dir) / "gallery"))
     markdown = PROGRAM.sub(lambda found: f"```text\n{help_of(found[1])}\n```", markdown)
     markdown = FOLDERS.sub(lambda found: folders_table(found[1]), markdown)
     markdown = NOTEBOOK.sub(lambda found: notebook_page(found[1]), markdown)
     markdown = SCHEMA.sub(lambda found: schema_table(found[1]), markdown)
     markdown = markdown.replace("<!-- settings -->", settings_table())
     return markdown.replace("<!-- problems -->", problems_table())
+
+
+def gallery(folder: Path) -> str:
+    """Write the files of the gallery, and return its plans as HTML for a page beside the folder."""
+    spec = importlib.util.spec_from_file_location("slide_gallery", ROOT / "examples" / "gallery.py")
+    if spec is None or spec.loader is None:
+        raise RuntimeError("examples/gallery.py is missing")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look for it there
+    spec.loader.exec_module(module)
+    cards = "\n".join(made.card(folder.name) for made in module.make_gallery(folder))
+    return f'<div class="gallery">\n{cards}\n</div>'
 
 
 def programs() -> dict[str, str]:
