@@ -30,6 +30,7 @@ from runtime.cli.options import (
     conclude,
     friction_off,
     reach_of_limit,
+    speed_of_limit,
 )
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
@@ -130,7 +131,7 @@ def slide_plan(
     manifest = planner.bundle.manifest
     asked = {
         "friction": chosen(friction, manifest.friction),
-        "limits": chosen(limits, manifest.limits),
+        "limits": limits.chosen(manifest.limits),
         "sizes": chosen(sizes, manifest.sizes),
         "tolerance": tolerance,
         **vars(search),
@@ -256,6 +257,7 @@ def _show(made: Made, as_json: bool) -> None:
             ("stop after the end", f"{len(plan.stop_acceleration)} ms"),
             ("object to command after it", "not known" if rest is None else f"{rest * MM:.2f} mm"),
             ("pan reach", reach_of_limit(plan)),
+            ("pan speed", speed_of_limit(plan)),
             ("pan, object radius", f"{plan.sizes.pan_radius * MM:g} mm, {plan.sizes.object_radius * MM:g} mm"),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),
             *_arm_rows(made.fitted),
