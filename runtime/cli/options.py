@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import typer
 
@@ -46,7 +46,7 @@ class LimitOptions:
         if self.level and self.height:
             raise InputError(f"--level and --height {self.height:g} contradict each other")
         named = default if self.limits_of is None else Limits.named(self.limits_of)
-        given = {
+        given: dict[str, Any] = {
             "pan_reach": self.pan_reach,
             "height": 0.0 if self.level else self.height,
             "speed": self.speed_limit,
