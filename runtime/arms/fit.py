@@ -149,7 +149,8 @@ def fit(
 
     def tried(factor: float) -> Fitted:
         nonlocal made
-        fitted = _tighten(make, slowed(command, factor), model, place, limits, base, within if stretch else math.inf)
+        hopeless = HOPELESS * within if stretch else math.inf
+        fitted = _tighten(make, slowed(command, factor), model, place, limits, base, within, hopeless)
         made += fitted.plans
         return replace(fitted, stretch=factor)
 
@@ -185,11 +186,12 @@ def _tighten(
     everywhere: Limits,
     base: Limits,
     within: float,
+    hopeless: float,
 ) -> Fitted:
     """Plan, follow, and tighten what is passed, until all holds.
 
     Limits that hold but track worse than `within` (m) are loosened again, halfway to those that did not hold. Given up
-    where the loosest limits track far worse already: tighter ones do not track better.
+    where limits that do not hold track worse than `hopeless` (m) already: tighter ones do not track better.
     """
     hand = {name: math.inf if (limit := getattr(model.arm.hand, name)) is None else limit for name in HAND_LIMITS}
     most = {name: min(HOPE * getattr(everywhere, name), getattr(base, name), hand[name]) for name in HAND_LIMITS}
@@ -211,11 +213,11 @@ def _tighten(
                 break
             means = {name: math.sqrt(getattr(limits, name) * getattr(loose, name)) for name in HAND_LIMITS}
             limits = _limits(limits.pan_reach, limits.height, means)
-        elif error > HOPELESS * within:
+        elif error > hopeless:
             break
         else:
             loose, tighter = limits, _tightened(limits, fitted)
-            if tighter.acceleration <= plan.friction.static * GRAVITY:
+            if tighter.acceleration <= plan.friction.static * GRAVITY < limits.acceleration:
                 break  # the object would rest on the pan
             limits = tighter
     if not tries and beyond is not None:
@@ -269,11 +271,9 @@ def _badness(fitted: Fitted, within: float) -> tuple[float, float]:
 
 
 def _notes(fitted: Fitted, everywhere: Limits, model: ArmModel, in_vain: bool) -> tuple[str, ...]:
-    notes = []
-    static = fitted.plan.friction.static
-    if static * GRAVITY >= fitted.limits.acceleration:
-        most = everywhere.acceleration / GRAVITY
-        notes.append(f"{model.arm.name} could slide it there at a static friction below {most:.2f}, not at {static:g}")
-    elif in_vain:
-        notes.append(f"slowing the command down up to {STRETCHES[-1]:g} times was not enough")
-    return tuple(notes)
+    static, most = fitted.plan.friction.static, everywhere.acceleration / GRAVITY
+    if static * GRAVITY >= fitted.limits.acceleration or (static >= most and not fitted.holds):
+        return (f"{model.arm.name} could slide it there at a static friction below {most:.2f}, not at {static:g}",)
+    if in_vain:
+        return (f"slowing the command down up to {STRETCHES[-1]:g} times was not enough",)
+    return ()
