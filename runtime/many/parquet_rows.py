@@ -1,7 +1,8 @@
 """Parquet data sets of commands: a row for each; needs the extra [parquet], which is pyarrow.
 
 Columns: `position`, a list of pairs (m); where the positions are not at 1 kHz, `t`, a list of times (s); where they are
-not the same for all rows, `friction` and `limits`, each a struct, or a list of its numbers in the order of its fields.
+not the same for all rows, `friction` and `limits`, each a struct, or a list of its numbers in the order of its fields;
+limits also by their name.
 """
 
 from __future__ import annotations
@@ -66,8 +67,8 @@ def check_schema(file: Path) -> list[str]:
             raise InputError(f"{file}: column 't' must be a list of times (s), it is {found}")
         if name in PARAMETERS:
             names = [each.name for each in fields(PARAMETERS[name])]
-            listed = _is_list(found) and _of_numbers(found)
-            if not listed and not (pyarrow.types.is_struct(found) and {each.name for each in found} <= set(names)):
+            told = (_is_list(found) and _of_numbers(found)) or (name == "limits" and pyarrow.types.is_string(found))
+            if not told and not (pyarrow.types.is_struct(found) and {each.name for each in found} <= set(names)):
                 raise InputError(f"{file}: column '{name}' must be a struct of {', '.join(names)}, it is {found}")
     return [name for name in schema.names if name not in ("position", "t", *PARAMETERS)]
 

@@ -227,7 +227,7 @@ def read(record: Record, options: Reading) -> Ask:
     return Ask(
         Command.from_dict(document, record.place, options),
         None if friction is None else Friction.from_dict(_named(friction, Friction)),
-        None if limits is None else Limits.from_dict(_named(limits, Limits)),
+        None if limits is None else _limits(limits),
     )
 
 
@@ -244,6 +244,10 @@ def _document(line: str) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise InputError(f"must be a JSON object, got {reprlib.repr(document)}")
     return document
+
+
+def _limits(value: Any) -> Limits:
+    return Limits.named(value) if isinstance(value, str) else Limits.from_dict(_named(value, Limits))
 
 
 def _named(value: Any, kind: type[Parameters]) -> Any:

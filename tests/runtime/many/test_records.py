@@ -106,6 +106,16 @@ def test_schema_that_does_not_fit_is_refused_with_its_column(tmp_path: Path, col
     assert str(refused.value).startswith(f"{path}: {said}")
 
 
+def test_limits_may_be_told_by_their_name(tmp_path: Path) -> None:
+    rows = write_rows(tmp_path / "a.parquet", position=[LINE, LINE], limits=["panda", None])
+    lines = write_lines(tmp_path / "b.ndjson", {"dt": 0.001, "position": LINE, "limits": "panda"})
+    found = [read(record, Reading()).limits for path in (rows, lines) for record in open_source(path).records()]
+    assert found == [Limits.named("panda"), None, Limits.named("panda")]
+    wrong = next(open_source(write_rows(tmp_path / "c.parquet", position=[LINE], limits=["robot"])).records())
+    with pytest.raises(InputError, match="there are no limits named 'robot'"):
+        read(wrong, Reading())
+
+
 def test_what_is_no_input_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "mixed").mkdir()
