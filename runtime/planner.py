@@ -23,6 +23,7 @@ from runtime.network.bundle import SHIPPED, Bundle
 from runtime.network.decode import decode
 from runtime.network.job import Job
 from runtime.network.manifest import GENERAL
+from runtime.network.reach import with_reach
 from runtime.network.reader import chunk_samples, group_of
 from runtime.physics.compiled import check_compiler
 from runtime.physics.motion import Motion
@@ -144,6 +145,7 @@ class Planner:
         count = _candidates(candidates, 1 if effort is None else REFINED_FROM)
         held = _tolerance(tolerance)
         bundle = self.bundle_for(job.limits)
+        job = with_reach(job) if bundle.manifest.kind == GENERAL else job
         motion, ahead = best_candidate(bundle, job, count, effort.robust if effort is not None else share or 0.0)
         if effort is not None:
             motion, ahead = self._refined(job, motion, effort) or (motion, ahead)
@@ -191,6 +193,8 @@ class Planner:
         groups: dict[tuple[Bundle, Hashable], list[int]] = defaultdict(list)
         for index, job in enumerate(jobs):
             bundle = self.bundle_for(job.limits)
+            if bundle.manifest.kind == GENERAL:
+                job = jobs[index] = with_reach(job)
             groups[bundle, group_of(bundle.manifest, job)].append(index)
         plans: dict[int, Plan] = {}
         for (bundle, _), indices in groups.items():

@@ -148,9 +148,7 @@ def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
     if as_json:
         print_json(summary)
     else:
-        general = trainer.config.network == "general"
-        what = f"measure it with  python -m benchmarks.limits {folder}"
-        print(f"{summary['checkpoint']}: {what if general else f'export it with  slide-export {folder} -o BUNDLE'}")
+        print(f"{summary['checkpoint']}: export it with  slide-export {folder} -o BUNDLE")
 
 
 def _until_interrupted(report: Callable[[Any], None]) -> Callable[[Any], None]:

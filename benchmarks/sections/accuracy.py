@@ -10,12 +10,29 @@ from rich.table import Table
 
 from benchmarks.harness.section import Measured, Section, Subject, at_least
 from benchmarks.harness.tables import table, targets_table
-from benchmarks.harness.targets import ACCELERATION, COUNT, MILLIMETRES, PERCENT, TIMES, Target, Verdict
+from benchmarks.harness.targets import (
+    ACCELERATION,
+    COUNT,
+    MILLIMETRES,
+    MILLISECONDS,
+    PERCENT,
+    TIMES,
+    Target,
+    Verdict,
+)
 from benchmarks.suite.families import FRICTION_GRID
 from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, network, plan_family
+from benchmarks.suite.pans import TASKS, Disturbed, Followed, disturb, follow, tasks
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM
 from runtime.documents.options import option
+from runtime.planner import Planner
+
+WAYS = ("level", "lifting")
+"""Ways in which a pan moves."""
+
+DISTURBED = TASKS[0]
+"""The task that is disturbed too."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +42,12 @@ class AccuracySettings:
     Attributes:
         family: names of the families.
         commands: the first ones of each family; all if None.
+        limits: names of pans, whose tasks (`benchmarks.suite.pans`) are measured in the place of the suite.
     """
 
     family: tuple[str, ...] = option("Family of the suite, or letters; may be repeated.", tuple(FAMILIES), "NAME")
     commands: int | None = option("Only the first commands of each family.", metavar="N")
+    limits: tuple[str, ...] = option("Only within the limits of this pan; may be repeated.", (), "NAME|all")
 
     def __post_init__(self) -> None:
         at_least(1, commands=self.commands)
@@ -77,11 +96,34 @@ class FrictionCell:
 
 
 @dataclass(frozen=True)
+class OnPan:
+    """A task of `benchmarks.suite.pans`, with a level pan and with one that lifts; None where it cannot slide."""
+
+    level: Followed | None
+    lifting: Followed | None
+
+
+@dataclass(frozen=True)
+class OnPans:
+    """Tasks in figures.
+
+    Attributes:
+        tasks: by their names.
+        level, lifting: DISTURBED, disturbed, on such pans; None if it was not measured.
+    """
+
+    tasks: Mapping[str, OnPan]
+    level: Disturbed | None
+    lifting: Disturbed | None
+
+
+@dataclass(frozen=True)
 class Accuracy:
     """The suite in figures.
 
     Attributes:
         families: each family's, by its name.
+        pans: what is measured in the place of all others where limits are named; None if there are none.
         total: over the commands of all of these but `friction`, whose many would drown the others.
         friction: the family `friction`, friction by friction; empty if it was not measured.
         friction_worst: largest mean tracking RMSE of these (m); None if there is none.
@@ -89,10 +131,11 @@ class Accuracy:
     """
 
     families: Mapping[str, Figures]
-    total: Figures
+    total: Figures | None
     friction: tuple[FrictionCell, ...]
     friction_worst: float | None
     friction_ratio: float | None
+    pans: OnPans | None = None
 
 
 TARGETS = (
@@ -105,16 +148,53 @@ TARGETS = (
     Target("total.pan_reach_share", "pan reach up to 0.21 m", PERCENT, ">=", 0.99),
     Target("total.change_mean", "mean |du|", ACCELERATION, "<=", 1.0),
     Target("families.spline.no_better_than_unmoved", "spline, no better than a still pan", COUNT, "<=", 0),
+    *(
+        Target(f"pans.tasks.{task.name}.{way}.tracking_mean", f"{task.title}, {way}", MILLIMETRES, "<=", limit)
+        for task in TASKS
+        for way, limit in zip(WAYS, task.targets, strict=True)
+        if limit is not None
+    ),
+    *(
+        Target(f"pans.{way}.{figure}", f"{what}, {way}", unit, comparison, limit)
+        for figure, what, unit, limits in (
+            ("friction_off", "default, friction 10 % off", MILLIMETRES, (3.4e-3, 2.0e-3)),
+            ("best_of_24", "default, best of 24", MILLIMETRES, (None, None)),
+            ("robust", "default, best of 24 by friction 10 % off, then", MILLIMETRES, (None, 1.3e-3)),
+            ("asked", "default, asked every 50 ms", MILLIMETRES, (2.5e-3, 1.0e-3)),
+            ("back", "default, back after a push of 20 mm", MILLISECONDS, (0.13, 0.11)),
+        )
+        for way, limit in zip(WAYS, limits, strict=True)
+        for comparison in ("<=" if limit is not None else "",)
+    ),
 )
 
 
 def measure_accuracy(subject: Subject, settings: AccuracySettings) -> Measured:
-    """Plan the suite with the network.
+    """Plan the suite with the network, or the tasks of pans.
 
     Raises:
-        InputError: there is no family of that name.
+        InputError: there is no family, or no pan, of that name.
     """
-    return Measured(accuracy_of(network(subject.planner), settings))
+    if not settings.limits:
+        return Measured(accuracy_of(network(subject.planner), settings))
+    return Measured(Accuracy({}, None, (), None, None, on_pans(subject.planner, settings)))
+
+
+def on_pans(planner: Planner, settings: AccuracySettings) -> OnPans:
+    """Plan the tasks of pans, told the friction.
+
+    Raises:
+        InputError: there is no pan of that name.
+    """
+    chosen = tasks(settings.limits, settings.family)
+    rows = {}
+    for task in chosen:
+        level, lifting = (follow(planner, each, settings.commands) for each in (task, task.lifting()))
+        rows[task.name] = OnPan(level, lifting)
+    if DISTURBED not in chosen:
+        return OnPans(rows, None, None)
+    pans = (DISTURBED, DISTURBED.lifting())
+    return OnPans(rows, *(disturb(planner, pan, settings.commands) for pan in pans))
 
 
 def accuracy_of(plan: PlanFunction, settings: AccuracySettings) -> Accuracy:
@@ -175,8 +255,11 @@ def friction_cells(outcome: Outcome) -> tuple[FrictionCell, ...]:
 
 def accuracy_tables(accuracy: Accuracy, verdicts: Sequence[Verdict]) -> list[Table]:
     """Return the accuracy of each family, beside its targets."""
+    if accuracy.pans is not None:
+        return [*_pans_tables(accuracy.pans), *targets_table("Accuracy", verdicts)]
     rows = {name: each for name, each in accuracy.families.items() if name != "friction"}
-    rows["together"] = accuracy.total
+    if accuracy.total is not None:
+        rows["together"] = accuracy.total
     if "friction" in accuracy.families:
         rows["friction"] = accuracy.families["friction"]
     tables = [
@@ -212,6 +295,21 @@ def _pan_row(name: str, figures: Figures) -> tuple[str, ...]:
         f"{figures.change_mean:.3f}",
         f"{figures.samples_per_second:,.0f}",
     )
+
+
+def _pans_tables(pans: OnPans) -> list[Table]:
+    titles, rows = {task.name: task.title for task in TASKS}, []
+    for name, task in pans.tasks.items():
+        for title, found in ((titles[name], task.level), ("  lifting", task.lifting)):
+            rows.append((title, *(["cannot slide", *[""] * 6] if found is None else _cells_of_pan(found))))
+    header = ("limits, friction, family", "RMSE", "worst", "reach", "height", "m/s", "m/s^2", "governed")
+    return [table("Tracking RMSE, and what pans came to at most (mm); samples governed", header, rows)]
+
+
+def _cells_of_pan(found: Followed) -> list[str]:
+    errors = (f"{length * MM:.2f}" for length in (found.tracking_mean, found.tracking_max))
+    lengths = (f"{length * MM:.0f}" for length in (found.pan_reach, found.height))
+    return [*errors, *lengths, f"{found.speed:.2f}", f"{found.acceleration:.1f}", f"{found.governed:.1%}"]
 
 
 def _friction_table(accuracy: Accuracy) -> Table:

@@ -58,7 +58,7 @@ def asked_of_general(job: Job, fastest: float) -> dict[str, float]:
         fastest: largest limit on speed that was trained on (m/s); a larger one is as good as none, which was, too.
     """
     limits, friction = job.limits, job.friction
-    units = units_of([job])
+    units = units_of([job._replace(reach_used=1.0)])
     weight = float(situation_of([job], units).gravity[0]) / ACCELERATION
     step, velocity_unit = float(units.time[0]), float(units.velocity[0])
     span = max(1, round(SPAN * step))

@@ -16,15 +16,13 @@ from runtime.network.bundle import Bundle
 from runtime.network.decode import decode_all
 from runtime.network.job import Job
 from runtime.network.manifest import GENERAL
+from runtime.network.reach import shares_about
 from runtime.physics.law import slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.refine.refine import expected, robust_error
 from runtime.safety.pan import Pan, state_after
 from runtime.start import Pair, Start, Vector
-
-SHARES = (1.0, 0.7, 0.5)
-"""Shares of its reach that a network for every pan is told, in turn, by the candidates."""
 
 
 def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple[Motion, Pan]:
@@ -47,7 +45,8 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
     turns = [_turn(index, count) for index in range(count)]
     jobs = [job] + [_turned(job, turn) for turn in turns[1:]]
     if bundle.manifest.kind == GENERAL:
-        jobs = [each._replace(reach_used=SHARES[index % len(SHARES)]) for index, each in enumerate(jobs)]
+        shares = shares_about(job.reach_used)
+        jobs = [each._replace(reach_used=shares[index % len(shares)]) for index, each in enumerate(jobs)]
     decoded = decode_all(bundle, jobs)
     first, ahead = decoded[0]
     samples, sliding = len(job.command), first.sliding[0]

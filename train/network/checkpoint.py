@@ -50,7 +50,7 @@ def load_model(checkpoint: dict[str, Any]) -> tuple[TrainConfig, Seq2Seq]:
     if not isinstance(config, TrainConfig):
         raise InputError(
             f"{config.name} is a network for every pan, and this works with networks for one pan: "
-            "evaluate it with  python -m benchmarks.limits RUN"
+            "evaluate it with  slide-eval RUN"
         )
     model = build_model(config)
     model.load_state_dict(weights_to_use(checkpoint, config))
