@@ -26,7 +26,7 @@ from runtime.planner import Planner
 from runtime.quality import Quality, Status
 from runtime.sizes import Sizes
 from runtime.start import Start
-from runtime.stream import Stream, StreamStatus
+from runtime.stream import FrictionEstimate, ObjectEstimate, Stream, StreamStatus
 from runtime.version import __version__
 
 __all__ = [
@@ -35,9 +35,11 @@ __all__ = [
     "ConcurrentUseError",
     "FormatError",
     "Friction",
+    "FrictionEstimate",
     "InputError",
     "Limits",
     "MissingExtraError",
+    "ObjectEstimate",
     "OutputError",
     "Plan",
     "Planner",

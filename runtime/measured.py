@@ -1,9 +1,9 @@
-"""Measured states as a controller hands them in: checked, completed, and moved to the present."""
+"""Measured states as a controller hands them in, checked."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,27 +13,35 @@ from runtime.physics.law import DT
 from runtime.physics.pan import IN_PLANE
 from runtime.start import FARTHEST
 
-Move = Callable[[FloatArray, FloatArray], FloatArray]
-"""Moves a state (d,) along accelerations (n, 3): the states after each, (n, d)."""
 
-
-def check_pan(value: object, chunk: int, level: bool) -> FloatArray | None:
+def check_pan(value: object, chunk: int | None, level: bool) -> FloatArray | None:
     """Return measured pan states as (C, 6) or (6,), as `check_states` does.
 
     Args:
         value: what was handed in; for a level pan it may have rows of 4, x, y, vx, vy.
-        chunk: number of the last states, C.
+        chunk: number of the last states, C; None where it must be one.
         level: whether the pan is level: what is measured of its height is its frame's or the sensor's, and becomes 0.
 
     Raises:
         InputError: another shape, or no numbers.
     """
-    states = check_states(value, "pan_state", chunk, (4, 6) if level else (6,))
+    widths = (4, 6) if level else (6,)
+    states = check_state(value, "state", widths) if chunk is None else check_states(value, "pan_state", chunk, widths)
     if states is None or not level:
         return states
     flat = np.zeros((*states.shape[:-1], 6))
     flat[..., IN_PLANE] = states if states.shape[-1] == 4 else states[..., IN_PLANE]
     return flat
+
+
+def check_state(value: object, name: str, widths: Sequence[int]) -> FloatArray | None:
+    """Return one measured state as (w,), as `check_states` does; `widths` says which w may be.
+
+    Raises:
+        InputError: another shape, or no numbers.
+    """
+    shapes = [(width,) for width in widths]
+    return _checked(value, name, f"{name} must be {' or '.join(map(str, shapes))} numbers", shapes)
 
 
 def check_states(value: object, name: str, chunk: int, widths: Sequence[int] = (4,)) -> FloatArray | None:
@@ -50,15 +58,19 @@ def check_states(value: object, name: str, chunk: int, widths: Sequence[int] = (
     Raises:
         InputError: another shape, or no numbers.
     """
-    if value is None:
-        return None
     several, one = (" or ".join(form.format(width) for width in widths) for form in (f"({chunk}, {{}})", "({},)"))
     expected = f"{name} must be {several} numbers, the last states, or {one}, the last one only"
+    return _checked(value, name, expected, [shape for width in widths for shape in ((chunk, width), (width,))])
+
+
+def _checked(value: object, name: str, expected: str, shapes: Sequence[tuple[int, ...]]) -> FloatArray | None:
+    if value is None:
+        return None
     try:
         states: FloatArray = np.asarray(value)
     except ValueError as error:  # ragged
         raise InputError(f"{expected}: {error}", name) from error
-    if states.dtype.kind not in "fiu" or states.shape not in [shape for w in widths for shape in ((chunk, w), (w,))]:
+    if states.dtype.kind not in "fiu" or states.shape not in shapes:
         raise InputError(f"{expected}, got {states.dtype} of the shape {states.shape}", name)
     found = states.astype(np.float64)
     return found if (np.abs(found) <= FARTHEST).all() else None  # false for what is not a number, too
@@ -74,27 +86,3 @@ def check_age(age: object) -> int | None:
         return None
     samples = round(number(age, "age") / DT)
     return samples if samples >= 0 else None
-
-
-def complete(measured: FloatArray, late: int, predicted: FloatArray, u: FloatArray, move: Move) -> FloatArray:
-    """Return the last C states, from what was measured and what was predicted.
-
-    Args:
-        measured: (C, d), or (d,), the last state only.
-        late: samples that have passed since the last one, at most C.
-        predicted: (C, d) by the last prediction.
-        u: (C, 3) what was commanded meanwhile (m/s^2).
-        move: moves a state along accelerations.
-
-    Returns:
-        (C, d) states. What has passed since is the measured state moved along; where only the last state was
-        measured, the prediction is bent towards it, more and more over the chunk.
-    """
-    chunk = len(predicted)
-    last = measured if measured.ndim == 1 else measured[-1]
-    since = move(last, u[chunk - late :]) if late else last[None]
-    if measured.ndim == 1:
-        share = np.arange(1, chunk + 1)[:, None] / chunk
-        bent: FloatArray = predicted + share * (since[-1] - predicted[-1])
-        return bent
-    return np.concatenate([measured[late:], since])[-chunk:] if late else measured

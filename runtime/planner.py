@@ -34,7 +34,7 @@ from runtime.safety.pan import Pan
 from runtime.safety.rest import stop_after
 from runtime.sizes import Sizes
 from runtime.start import Start
-from runtime.stream import REST_TOLERANCE, Stream
+from runtime.stream import OBJECT_NOISE, REST_TOLERANCE, Stream
 
 DEFAULT_BUNDLE = SHIPPED / "default"
 """The bundle that plans where none is named."""
@@ -216,6 +216,8 @@ class Planner:
         start: Start | None = None,
         sizes: Sizes | None = None,
         tolerance: float | None = None,
+        command_delay: float | None = 0.0,
+        noise: float = OBJECT_NOISE,
     ) -> Stream:
         """Start to follow a command with a controller that measures; see `Stream`.
 
@@ -223,12 +225,15 @@ class Planner:
             position, friction, limits, start, sizes: as for `plan`; the friction is what motion is predicted with.
             tolerance: distance of the object from its mark (m) up to which the pan rests past the end of the command;
                 REST_TOLERANCE of `runtime.stream` if None.
+            command_delay: time from a command to its execution (s); None to use what the encoders tell of it.
+            noise: standard deviation of the positions that `Stream.see_object` is told (m).
 
         Raises:
             InputError: as for `plan`.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
-        return Stream(self.bundle_for(job.limits), job, _tolerance(tolerance) or REST_TOLERANCE)
+        bundle = self.bundle_for(job.limits)
+        return Stream(bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise)
 
     def _defaults(
         self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None

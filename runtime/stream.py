@@ -1,36 +1,45 @@
 """The planner inside a controller: the next chunk of accelerations from what is measured, and a stop from any sample.
 
-One policy holds, in `Stream.step`: what is measured is used; what is missing is replaced by the prediction, for one
-chunk; after that the pan is braked to rest and stays there until `Stream.reset`. Where the command ends, the pan comes
-to rest and stays there as long as the object stays; an object that leaves its mark is brought back by a short move.
+One policy holds, in `Stream.step`: what is measured is used as far as it can be true; what is missing is replaced by
+the prediction, for one chunk; after that the pan is braked to rest and stays there until `Stream.reset`. Where the
+command ends, the pan comes to rest and stays there as long as the object stays; an object that leaves its mark is
+brought back by a short move.
+
+Readings come by `Stream.see_pan` and `Stream.see_object`, at any time and however late, or with `Stream.step`. What is
+believed between them and what they tell of friction and delay is the business of `runtime.observe`.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.command import Command
 from runtime.commands.come_back import come_back
-from runtime.documents.checks import FloatArray
+from runtime.documents.checks import FloatArray, number
 from runtime.errors import BundleError, ConcurrentUseError, InputError
-from runtime.measured import check_age, check_pan, check_states, complete
+from runtime.friction import Friction
+from runtime.measured import check_age, check_pan, check_state, check_states
 from runtime.network.bundle import Bundle
 from runtime.network.general import GeneralReader
 from runtime.network.job import Job
 from runtime.network.reader import Reader, read
+from runtime.observe.frames import Verdict
+from runtime.observe.pan import large
+from runtime.observe.sight import Sight
 from runtime.physics.law import DT, slide_one
 from runtime.physics.motion import Motion
 from runtime.physics.pan import integrate_pan
 from runtime.safety.governor import govern
+from runtime.safety.outside import MIDDLE, Room
 from runtime.safety.pan import Pan, state_after
 from runtime.safety.rest import kindest_stop
 from runtime.safety.stop import PanState, gentle_stop
@@ -51,6 +60,15 @@ STOPPING_TIME = 0.3
 STILL_SPEED = 0.05
 """Speed (m/s) up to which an object counts as at rest when it is measured: noise is below."""
 
+OBJECT_NOISE = 5e-4
+"""Standard deviation of the positions of a camera (m), if none is given."""
+
+NOISES = (1e-5, 0.1)
+"""Range of it (m): below is rounding, above is no position."""
+
+LONGEST_DELAY = 0.1
+"""Longest time from a command to its execution (s): a chunk of the paper's network."""
+
 SAME_SPEED = 0.05
 """Difference (m/s) between a measured pan and what was commanded, up to which it is taken for noise: the stop brings to
 rest what was commanded, so that nothing drifts."""
@@ -66,13 +84,19 @@ class StreamStatus(StrEnum):
     """The prediction, at least in part: a measurement was missing."""
 
     OUTSIDE = "outside"
-    """What was measured: the pan, pushed, cannot stop in its reach. It goes no farther than the stop needs."""
+    """What was measured: the pan, pushed, cannot stop in its reach. It goes no farther than that stop needs."""
 
     BRAKING = "braking"
     """The stop, until `reset`: too much was missing in a row, or the network gave no finite number."""
 
     RESTING = "resting"
     """The stop past the end of the command, and the rest after it, until the object is moved."""
+
+    DOUBTING = "doubting"
+    """The prediction, in place of a reading that cannot be true."""
+
+    CONVINCED = "convinced"
+    """What was measured: it could not be true, but it lasts."""
 
 
 class Ending(NamedTuple):
@@ -87,16 +111,46 @@ class Ending(NamedTuple):
     place: FloatArray | None = None
 
 
+class ObjectEstimate(NamedTuple):
+    """What a stream believes of the object.
+
+    Attributes:
+        position: (2,) relative to the pan (m).
+        velocity: (2,) relative to the pan (m/s).
+        sticks: whether it sticks to the pan; then its velocity is exactly zero.
+        position_error, velocity_error: standard deviations, in the worse direction (m, m/s).
+        age: time since it was seen last (s).
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    sticks: bool
+    position_error: float
+    velocity_error: float
+    age: float
+
+
+class FrictionEstimate(NamedTuple):
+    """What a stream believes of the friction.
+
+    Attributes:
+        friction: that motion is predicted with.
+        kinetic, static: between what each lies, by 95 %; static friction shows only where the object breaks away.
+    """
+
+    friction: Friction
+    kinetic: tuple[float, float]
+    static: tuple[float, float]
+
+
 class Asked(NamedTuple):
     """From what a chunk was asked for: what it takes to be asked again before it has ended.
 
     Attributes:
-        motion: the C samples before.
         commanded: (6,) the pan by what was commanded alone, before the chunk.
         reader: what gave the chunk, before it went on; None if no network did.
     """
 
-    motion: Motion
     commanded: FloatArray
     reader: Reader | None = None
 
@@ -109,8 +163,8 @@ class StreamState(NamedTuple):
         before, after: the pan before and after it.
         commanded: (6,) the pan by what was commanded alone: position (m) and velocity (m/s).
         asked: from what the chunk was asked for.
-        measured: the pan and object states handed in last, None where there were none.
-        missing: chunks in a row in which something was missing; -1 before the first.
+        sight: what is known of pan and object, up to the end of the chunk.
+        room: where the pan may be.
         status: of the chunk.
         ending: what goes on past the end of the command, None before.
     """
@@ -120,8 +174,8 @@ class StreamState(NamedTuple):
     after: Pan
     commanded: FloatArray
     asked: Asked
-    measured: tuple[FloatArray | None, FloatArray | None] = (None, None)
-    missing: int = -1
+    sight: Sight
+    room: Room
     status: StreamStatus = StreamStatus.FOLLOWING
     ending: Ending | None = None
 
@@ -138,22 +192,43 @@ class Stream:
         bundle: the network.
         job: the command, the friction that motion is predicted with, the limits, the start and the sizes.
         tolerance: distance of the object from its mark (m) up to which the pan rests past the end of the command.
+        command_delay: time from a command to its execution (s): the network is shown where pan and object will be when
+            its chunk begins to act. None to use what the encoders tell of it.
+        noise: standard deviation of the positions that `see_object` is told (m).
 
     Attributes:
         chunk: samples in a chunk, C: of a network for every pan as many as its limits make it.
 
     Raises:
-        InputError: there are no limits, or the pan cannot come to rest within them from its start.
+        InputError: there are no limits, the pan cannot come to rest within them from its start, or delay or noise are
+            out of range.
     """
 
-    def __init__(self, bundle: Bundle, job: Job, tolerance: float = REST_TOLERANCE) -> None:
+    def __init__(
+        self,
+        bundle: Bundle,
+        job: Job,
+        tolerance: float = REST_TOLERANCE,
+        command_delay: float | None = 0.0,
+        noise: float = OBJECT_NOISE,
+    ) -> None:
         if not job.limits.finite:
             raise InputError("a stream needs finite limits: without them there is no stop", "limits")
-        self._bundle, self._job, self._tolerance = bundle, job, tolerance
+        self._bundle, self._job = bundle, job
         self._friction, self._limits, self._sizes = job.friction, job.limits, job.sizes
+        self._tolerance = tolerance
+        self._command_delay = None if command_delay is None else number(command_delay, "command_delay")
+        if self._command_delay is not None and not 0.0 <= self._command_delay <= LONGEST_DELAY:
+            raise InputError(
+                f"command_delay must be between 0 and {LONGEST_DELAY:g} s, got {command_delay:g} s", "command_delay"
+            )
+        self._noise = number(noise, "noise")
+        if not NOISES[0] <= self._noise <= NOISES[1]:
+            raise InputError(f"noise must be between {NOISES[0]:g} and {NOISES[1]:g} m, got {noise:g} m", "noise")
         self._lock = threading.Lock()
-        self._command = self._followed = job.command
-        self._reader = read(bundle, [job])
+        self._command = job.command
+        self._followed = self._ahead = self._in_advance(job.command)
+        self._reader = self._read(self._ahead)
         self.chunk = self._reader.chunk
         self._state = self._begin(job.start, job.command.position[0])
 
@@ -162,19 +237,105 @@ class Stream:
         """What the last chunk came from."""
         return self._state.status
 
+    def object(self, executed: int | None = None) -> ObjectEstimate:
+        """Return what is believed of the object, and how sure that is.
+
+        Args:
+            executed: when so many samples of the chunk given last have been executed, 0 to C; all of them if None.
+
+        Raises:
+            InputError: there is no such sample.
+        """
+        sight, at = self._state.sight, self._now(executed) - self._late
+        state, belief = sight.sliding[at - sight.end - 1], sight.watch.last
+        u = sight.past.between(belief.frame.at, max(at, belief.frame.at))
+        spread = np.sqrt(np.diag(belief.spread_after(u))).tolist()
+        return ObjectEstimate(
+            position=state[:2].copy(),
+            velocity=state[2:].copy(),
+            sticks=not state[2:].any(),
+            position_error=max(spread[:2]),
+            velocity_error=max(spread[2:4]),
+            age=(at - belief.frame.at) * DT,
+        )
+
+    def pan(self, executed: int | None = None) -> FloatArray:
+        """Return (6,) what is believed of the pan, position (m) and velocity (m/s), as `object` does of the object."""
+        sight, at = self._state.sight, self._now(executed) - self._late
+        pan: FloatArray = sight.pan[at - sight.end - 1].copy()
+        return pan
+
+    @property
+    def friction(self) -> FrictionEstimate:
+        """What is believed of the friction: what was told, until frames tell more; see `see_object`."""
+        belief = self._state.sight.watch.last
+        return FrictionEstimate(belief.friction, belief.kinetic_interval, belief.static_interval)
+
+    @property
+    def delay(self) -> float | None:
+        """Time from a command to its execution (s), as the encoders tell it; None while they tell too little."""
+        return self._state.sight.delays.delay
+
+    def see_object(self, position: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
+        """Take in where the object was seen: at any time, however late, in any order; no velocity is needed.
+
+        What cannot be used is passed over, and told by `status` after the next step.
+
+        Args:
+            position: (2,) of the object relative to the pan (m).
+            age: time since it was there (s): a camera's exposure, reading and computing.
+            executed: samples of the chunk given last that have been executed, 0 to C; all of them if None.
+
+        Raises:
+            InputError: another shape or type, or there is no such sample: a mistake in the program.
+            ConcurrentUseError: called while another call is running.
+        """
+        with self._alone():
+            seen, late = check_state(position, "position", (2,)), check_age(age)
+            sight, now = self._state.sight, self._now(executed)
+            if seen is not None and late is not None:
+                at = now - late - self._late
+                sight = sight.see_object(seen, at, now, self._limits.acceleration)
+                self._state = self._state._replace(sight=sight)
+
+    def see_pan(self, state: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
+        """Take in where the encoders say that the pan was; as `see_object`.
+
+        Args:
+            state: (6,) position relative to the centre of the reach (m) and velocity (m/s), x, y, z of each; of a level
+                pan also (4,), x and y of each.
+            age: time since it was there (s).
+            executed: samples of the chunk given last that have been executed, 0 to C; all of them if None.
+
+        Raises:
+            InputError: another shape or type, or there is no such sample: a mistake in the program.
+            ConcurrentUseError: called while another call is running.
+        """
+        with self._alone():
+            seen, late = check_pan(state, None, self._limits.level), check_age(age)
+            sight, now = self._state.sight, self._now(executed)
+            if seen is not None and late is not None:
+                sight = sight.see_pan(seen, now - late - self._late, self._late, now)
+                self._state = self._state._replace(sight=sight)
+
     def step(
         self,
         pan_state: ArrayLike | None = None,
         object_state: ArrayLike | None = None,
         age: float = 0.0,
         executed: int | None = None,
+        *,
+        pan_age: float | None = None,
+        object_age: float | None = None,
     ) -> FloatArray:
         """Give the pan accelerations for the next C samples; the first is to act at once.
 
-        They keep the limits and follow the last ones within the jerk limit, whatever is handed in. A state is missing
-        if it is None, not finite or beyond all reason (1000 m, 1000 m/s), if nothing of it changed since the last call
-        although something moved, or if it is more than a chunk old; then the policy of this module holds, and
-        `status` says what happened.
+        They keep the limits and follow the last ones within the jerk limit, whatever is handed in. States are handed in
+        here, or before by `see_pan` and `see_object`. One is missing if none came since the last chunk, or if what came
+        is None, not finite or beyond all reason (1000 m, 1000 m/s), more than a chunk old, from the future, older than
+        what is known, or to the last bit the one before although it must have changed. Then the policy of this module
+        holds, and `status` says what happened. A pan is believed as far as the reading before agrees, an object as far
+        as physics allows.
 
         A network for every pan may be asked before its chunk has ended. Where the pan could not stop from there, what
         is left of the chunk is given again, and its stop behind it.
@@ -184,8 +345,9 @@ class Stream:
                 velocities (m/s) in the world, x, y, z of each, or (6,) the last one only; of a level pan also (C, 4)
                 or (4,), x and y of each. Before the first step, the start.
             object_state: (C, 4) or (4,), the same for the object, relative to the pan.
-            age: of the last row (s); it is moved forward along what was commanded since.
+            age: of the last rows (s); they are moved forward along what was commanded since.
             executed: samples of the chunk given last that have been executed, 1 to C; all of them if None.
+            pan_age, object_age: the same for each by itself; `age` if None.
 
         Returns:
             (C, 3) pan accelerations (m/s^2).
@@ -196,45 +358,39 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            measured = (
-                check_pan(pan_state, self.chunk, self._limits.level),
-                check_states(object_state, "object_state", self.chunk),
+            samples = self._check_executed(executed)
+            self._take(
+                samples, pan_state, object_state, *(age if each is None else each for each in (pan_age, object_age))
             )
-            late, samples = check_age(age), self._check_executed(executed)
             if samples < self.chunk:
                 early = self._after(samples)
                 if early is None:
-                    self._state = self._go_on(samples)._replace(measured=measured)
+                    self._state = self._go_on(samples)
                     return self._state.motion.acceleration.copy()
                 self._state = early
             last = self._state
+            sight = last.sight
             if last.status is StreamStatus.BRAKING:
-                return self._stop(last.after)
-            predicted = last.motion.pan[1:], last.motion.sliding[1:]
-            pan = self._seen(measured[0], last.measured[0], predicted[0], late, integrate_pan)
-            sliding = self._seen(measured[1], last.measured[1], predicted[1], late, self._slide)
-            missing = last.missing + 1 if pan is None or sliding is None else 0
+                return self._stop(last.after, last.room)
+            missing = (sight.end - min(sight.arrived)) // self.chunk
             if missing > MAX_MISSING:
-                return self._stop(last.after)
-            before, status = self._locate(last.after, pan)
-            if missing > 0 and status is StreamStatus.FOLLOWING:
-                status = StreamStatus.PREDICTED
-            pan, sliding = (predicted[0] if pan is None else pan), (predicted[1] if sliding is None else sliding)
+                return self._stop(last.after, last.room)
+            before, room = self._locate(last.after, sight.pan[-1])
+            status = self._judged(room, missing)
+            pan, sliding = sight.pan[-self.chunk :], sight.sliding[-self.chunk :]
             ending = self._ending(sliding[-1], samples)
             if ending is not None and self._rests(ending, sliding[-1]):
-                self._state = self._rest(ending, before, sliding[-1])._replace(measured=measured, missing=missing)
+                self._state = self._rest(ending, before, room, sliding[-1])
                 return self._state.motion.acceleration.copy()
             if self._over:
-                move = come_back(sliding[-1, :2], self._mark, self._friction)
-                self._followed = Command(move)
-                self._reader = read(self._bundle, [self._job._replace(command=self._followed)])
+                self._followed = Command(come_back(sliding[-1, :2], self._mark, sight.friction))
+                self._reader = self._read(self._followed)
             try:
-                motion, after, question = self._follow(before, pan, sliding)
+                motion, after, question = self._follow(before, room, pan, sliding)
             except BundleError:
-                return self._stop(before)
-            commanded = _commanded(last.commanded, motion)
-            asked = Asked(last.motion, last.commanded, question)
-            self._state = StreamState(motion, before, after, commanded, asked, measured, missing, status, ending)
+                return self._stop(before, room)
+            commanded, asked = _commanded(last.commanded, motion), Asked(last.commanded, question)
+            self._state = StreamState(motion, before, after, commanded, asked, sight.then(motion), room, status, ending)
             return motion.acceleration.copy()
 
     def brake(self, sample: int) -> FloatArray:
@@ -255,14 +411,13 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            motion, before, after, *_ = self._state
+            motion, before, after, room = self._state.motion, self._state.before, self._state.after, self._state.room
             u = motion.acceleration
-            if isinstance(sample, bool) or not isinstance(sample, (int, np.integer)) or not 0 <= sample <= len(u):
-                raise InputError(f"sample must be a whole number from 0 to {len(u)}, got {sample!r}")
+            sample = self._sample(sample)
             states = [before.state]
             states += [PanState(*row) for row in np.concatenate([motion.pan[1:], u], axis=1).tolist()]
             for k in range(sample, len(u) + 1):
-                stop = gentle_stop(states[k], after.limits, self._friction)
+                stop = gentle_stop(room.seen_inside(states[k]), after.limits, self._state.sight.friction)
                 if stop is not None:
                     return np.concatenate([u[sample:k], stop.accelerations(stop.samples)])
             return np.concatenate([u[sample:], after.brake.accelerations(max(1, after.brake.samples))])
@@ -276,8 +431,8 @@ class Stream:
         """
         with self._alone():
             self._command = position if isinstance(position, Command) else Command.from_samples(position)
-            self._followed = self._command
-            self._reader = read(self._bundle, [self._job._replace(command=self._command)])
+            self._followed = self._ahead = self._in_advance(self._command)
+            self._reader = self._read(self._ahead)
             status = self._state.status
             if status is StreamStatus.RESTING:
                 status = StreamStatus.FOLLOWING
@@ -292,12 +447,11 @@ class Stream:
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
-            command, now = self._command, self._reader.now
+            command, now = self._ahead, self._reader.now
             if self._followed is not command:  # the object was being brought back
                 now = len(command)
-            self._state = self._begin(start, command.position[min(now, len(command) - 1)])
-            self._reader = read(self._bundle, [self._job._replace(command=command)], now)
-            self._followed = command
+            self._state = self._begin(start, command.position[min(now, len(command) - 1)], self._state)
+            self._reader, self._followed = self._read(command, now), command
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
@@ -309,14 +463,67 @@ class Stream:
         finally:
             self._lock.release()
 
-    def _begin(self, start: Start, mark: FloatArray) -> StreamState:
-        """Return what is carried before the first chunk; `mark` (2,) is where the object is if nothing is said (m)."""
-        pan = Pan.at_start(start, self._limits)
+    @property
+    def _late(self) -> int:
+        """Samples from a command to its execution."""
+        delay = self._command_delay
+        if delay is None:
+            found = self._state.sight.delays.delay
+            delay = 0.0 if found is None else found
+        return round(delay / DT)
+
+    def _in_advance(self, command: Command) -> Command:
+        """Return a command as it must be told to an arm that executes late."""
+        late = round((self._command_delay or 0.0) / DT)
+        return replace(command, position=command.position[late:]) if 0 < late < len(command) - 1 else command
+
+    def _read(self, command: Command, now: int = 0) -> Reader:
+        return read(self._bundle, [self._job._replace(command=command)], now)
+
+    def _sample(self, sample: Any, name: str = "sample") -> int:
+        """Return a number of samples of a chunk.
+
+        Raises:
+            InputError: it is none.
+        """
+        if isinstance(sample, bool) or not isinstance(sample, (int, np.integer)) or not 0 <= sample <= self.chunk:
+            raise InputError(f"{name} must be a whole number from 0 to {self.chunk}, got {sample!r}", name)
+        return int(sample)
+
+    def _now(self, executed: int | None) -> int:
+        """Return the sample at which something comes, counted from the beginning."""
+        samples = self.chunk if executed is None else self._sample(executed, "executed")
+        return max(0, self._state.sight.end - self.chunk + samples)
+
+    def _begin(self, start: Start, mark: FloatArray, last: StreamState | None = None) -> StreamState:
+        """Return what is carried before the first chunk.
+
+        Args:
+            start: where pan and object are.
+            mark: (2,) where the object is if nothing is said (m).
+            last: what was carried before, of which the friction and the delay stay; None for nothing.
+
+        Raises:
+            InputError: the pan cannot come to rest within its limits, and it was not believed to be there.
+        """
+        room = Room(MIDDLE, self._limits)
+        try:
+            pan = Pan.at_start(start, self._limits)
+        except InputError:
+            state = PanState(*start.pan_position, *start.pan_velocity, *start.pan_acceleration)
+            believed = None if last is None else last.sight.pan[-1]
+            if believed is None or large(np.array(state[:6]) - believed) or any(state[6:]):
+                raise
+            room = Room.of(state, self._limits)
+            pan = room.outside(Pan.at(room.seen_inside(state), room.limits))
         u = np.tile(start.pan_acceleration, (self.chunk, 1))
         still = (np.tile(state, (self.chunk + 1, 1)) for state in (start.pan_state(), start.object_state(mark)))
-        motion = Motion(u, u, *still)
+        sight = Sight.begin(start, mark, self._friction, self._noise, self.chunk)
+        if last is not None:
+            sight = sight.knowing(last.sight)
+        status = StreamStatus.OUTSIDE if room.off_limits(self._limits) else StreamStatus.FOLLOWING
         commanded = start.pan_state()
-        return StreamState(motion, pan, pan, commanded, Asked(motion, commanded))
+        return StreamState(Motion(u, u, *still), pan, pan, commanded, Asked(commanded), sight, room, status)
 
     def _check_executed(self, executed: int | None) -> int:
         """Return how many samples of the chunk given last have been executed.
@@ -340,94 +547,99 @@ class Stream:
     def _after(self, samples: int) -> StreamState | None:
         """Return what is carried when so many samples of the chunk have been executed; None without a stop from there.
 
-        Its motion is that of the last C samples. The reader goes back to where the command is then.
+        The reader goes back to where the command is then.
         """
         last = self._state
-        motion = _last(last.asked.motion, last.motion, samples)
-        states, u = motion.pan[1:], motion.acceleration
+        done = last.motion.first(samples)
         if last.status in (StreamStatus.BRAKING, StreamStatus.RESTING):
-            after = last.before.braked(samples, states, u)
+            after = last.before.braked(samples, done.pan[1:], done.acceleration)
         else:
-            after = Pan.at(state_after(states, u), last.after.limits)
-            if not after.can_stop:
+            state = state_after(done.pan[1:], done.acceleration)
+            inside = Pan.at(last.room.seen_inside(state), last.room.limits)
+            if not inside.can_stop:
                 return None
+            after = last.room.outside(inside)
         if last.asked.reader is not None:
             self._reader = last.asked.reader.after(samples)
-        commanded = _commanded(last.asked.commanded, last.motion.first(samples))
-        return last._replace(motion=motion, after=after, commanded=commanded)
+        sight = last.sight.until(last.sight.end - self.chunk + samples)
+        return last._replace(after=after, commanded=_commanded(last.asked.commanded, done), sight=sight)
 
     def _go_on(self, samples: int) -> StreamState:
         """Return what is carried with what is left of the chunk after so many samples, and its stop behind it."""
         last = self._state
-        past = _last(last.asked.motion, last.motion, samples)
         u = last.after.brake.accelerations(samples)
-        stop = self._predict(
-            last.after, u, u, integrate_pan(np.array(last.after.state[:6]), u), last.motion.sliding[-1]
-        )
-        motion = _last(last.motion, stop, samples)
-        asked = Asked(
-            past,
-            _commanded(last.asked.commanded, last.motion.first(samples)),
-            None if last.asked.reader is None else last.asked.reader.after(samples),
-        )
+        states = integrate_pan(np.array(last.after.state[:6]), u)
+        stop = self._predict(last.after, u, u, states, last.motion.sliding[-1])
+        done = last.motion.first(samples)
+        reader = None if last.asked.reader is None else last.asked.reader.after(samples)
         return last._replace(
-            motion=motion,
-            before=last.after._replace(state=state_after(past.pan[1:], past.acceleration)),
+            motion=_joined(last.motion, stop, samples),
+            before=last.after._replace(state=state_after(done.pan[1:], done.acceleration)),
             after=last.after.braked(samples, stop.pan[1:], u),
             commanded=_commanded(last.commanded, stop),
-            asked=asked,
+            asked=Asked(_commanded(last.asked.commanded, done), reader),
+            sight=last.sight.then(stop),
             ending=None if last.ending is None else last.ending._replace(left=last.ending.left - samples),
         )
 
     def _slide(self, state: FloatArray, u: FloatArray) -> FloatArray:
-        return slide_one(state, u, self._friction)
+        return slide_one(state, u, self._state.sight.friction)
 
-    def _seen(
+    def _take(
         self,
-        measured: FloatArray | None,
-        before: FloatArray | None,
-        predicted: FloatArray,
-        late: int | None,
-        move: Callable[[FloatArray, FloatArray], FloatArray],
-    ) -> FloatArray | None:
-        """Return the last C states by what was measured, None if it is missing; see `step` for what that means."""
-        u = self._state.motion.acceleration
-        if measured is None or late is None or late > len(u):
-            return None
-        until = predicted[: len(predicted) - late]
-        if before is not None and np.array_equal(measured, before) and (until != until[:1]).any():
-            return None
-        return complete(measured, late, predicted, u, move)
+        samples: int,
+        pan_state: ArrayLike | None,
+        object_state: ArrayLike | None,
+        pan_age: float,
+        object_age: float,
+    ) -> None:
+        """Take in the states that a step is handed.
 
-    def _locate(self, predicted: Pan, states: FloatArray | None) -> tuple[Pan, StreamStatus]:
-        """Return the pan where it was measured, with a stop from there; its limits are widened to what the stop needs.
-
-        Those on reach, height and speed: what it does to come to rest keeps the others.
+        Raises:
+            InputError: another shape or type, or an age that is no number.
         """
-        if states is None or states[-1].tolist() == list(predicted.state[:6]):
-            return predicted, StreamStatus.FOLLOWING
-        limits, pan = self._limits, Pan.at(_moved_to(predicted.state, states[-1]), self._limits)
-        needed = pan.stop_extent
-        if needed.within(limits):
-            return pan, StreamStatus.FOLLOWING
-        wider = replace(
-            limits,
-            pan_reach=max(limits.pan_reach, needed.reach),
-            height=max(limits.height, needed.height),
-            speed=max(limits.speed, needed.speed),
-        )
-        return pan._replace(limits=wider), StreamStatus.OUTSIDE
+        pan = check_pan(pan_state, self.chunk, self._limits.level)
+        sliding = check_states(object_state, "object_state", self.chunk)
+        ages = check_age(pan_age), check_age(object_age)
+        sight, late, now = self._state.sight, self._late, self._now(samples)
+        if pan is not None and ages[0] is not None and ages[0] <= self.chunk:
+            sight = sight.see_pan(pan, now - ages[0] - late, late, now)
+        if sliding is not None and ages[1] is not None and ages[1] <= self.chunk:
+            sight = sight.see_object_states(sliding, now - ages[1] - late, now, self._limits.acceleration)
+        self._state = self._state._replace(sight=sight)
 
-    def _follow(self, before: Pan, pan: FloatArray, sliding: FloatArray) -> tuple[Motion, Pan, Reader]:
+    def _locate(self, predicted: Pan, believed: FloatArray) -> tuple[Pan, Room]:
+        """Return the pan where it is believed to be, (6,), with a stop from there, and the room for that stop."""
+        room = self._state.room
+        if believed.tolist() == list(predicted.state[:6]) and not room.off_limits(self._limits):
+            return predicted, room
+        state = _moved_to(predicted.state, believed)
+        room = Room.of(state, self._limits)
+        return room.outside(Pan.at(room.seen_inside(state), room.limits)), room
+
+    def _judged(self, room: Room, missing: int) -> StreamStatus:
+        """Return what the next chunk comes from."""
+        verdict = self._state.sight.verdict
+        if room.off_limits(self._limits):
+            return StreamStatus.OUTSIDE
+        if verdict is Verdict.DOUBTED:
+            return StreamStatus.DOUBTING
+        if verdict is Verdict.BELIEVED:
+            return StreamStatus.CONVINCED
+        return StreamStatus.PREDICTED if missing > 0 else StreamStatus.FOLLOWING
+
+    def _follow(self, before: Pan, room: Room, pan: FloatArray, sliding: FloatArray) -> tuple[Motion, Pan, Reader]:
         """Ask the network and govern: the motion of the next chunk, the pan at its end, and what was asked.
 
         Raises:
             BundleError: the network gave no finite number.
         """
-        asked, reader = self._reader.look(pan[None], sliding[None], self._state.motion.acceleration[None, -1])
-        acceleration, states, (after,) = govern([before], asked)
+        asked, reader = self._reader.look(pan[None], sliding[None], np.array([before.state[6:]]))
+        acceleration, states, (after,) = govern([room.inside(before)], asked)
         self._reader = reader.after(self.chunk)
-        return self._predict(before, asked[0], acceleration[0], states[0], sliding[-1]), after, reader
+        states[..., :2] += room.centre
+        motion = self._predict(before, asked[0], acceleration[0], states[0], sliding[-1])
+        return motion, room.outside(after), reader
 
     @property
     def _mark(self) -> FloatArray:
@@ -444,14 +656,14 @@ class Stream:
         """Return what goes on past the end of the command, None before.
 
         Args:
-            sliding: (4,) the object, as it is measured.
+            sliding: (4,) the object, as it is believed to be.
             samples: executed since it was asked before.
         """
         last = self._state.ending
         if last is None:
             if not self._over:
                 return None
-            return Ending(round(ENDING_TIME / DT) - (self._reader.now - len(self._command)))
+            return Ending(round(ENDING_TIME / DT) - (self._reader.now - len(self._ahead)))
         if last.place is not None and math.dist(sliding[:2], last.place) > self._tolerance:
             return Ending(round(RETURN_TIME / DT))
         return last._replace(left=last.left - samples)
@@ -467,15 +679,16 @@ class Stream:
         lost = math.hypot(sliding[0], sliding[1]) > self._sizes.pan_radius
         if off <= self._tolerance or speed > STILL_SPEED or lost:
             return True
-        needed = len(come_back(sliding[:2], self._mark, self._friction)) + round(STOPPING_TIME / DT)
+        needed = len(come_back(sliding[:2], self._mark, self._state.sight.friction)) + round(STOPPING_TIME / DT)
         return needed > ending.left
 
-    def _rest(self, ending: Ending, before: Pan, sliding: FloatArray) -> StreamState:
+    def _rest(self, ending: Ending, before: Pan, room: Room, sliding: FloatArray) -> StreamState:
         """Return the next chunk of the stop past the end of the command, or of the rest after it.
 
         Args:
             ending: what goes on.
-            before: the pan, where it was measured; looked at again only if it has left its place.
+            before: the pan, where it is believed to be; looked at again only if it has left its place.
+            room: where it may be.
             sliding: (4,) the object.
         """
         last = self._state
@@ -483,34 +696,35 @@ class Stream:
         commanded = _moved_to(state, last.commanded)
         moved = math.dist(state[:3], last.after.state[:3]) > self._tolerance
         if last.status is StreamStatus.RESTING and not moved:
-            before = last.after
+            before, room = last.after, last.room
             if before.brake.samples == 0 and math.hypot(sliding[2], sliding[3]) <= STILL_SPEED:
                 ending = ending._replace(place=sliding[:2].copy())
         else:
             near = math.dist(state[:3], commanded[:3]) <= self._tolerance
             if near and math.dist(state[3:6], commanded[3:6]) <= SAME_SPEED:
                 state = commanded
-            brake = kindest_stop(state, sliding, self._mark, before.limits, self._friction)
+            inside = room.seen_inside(state)
+            brake = kindest_stop(inside, sliding, self._mark, before.limits, last.sight.friction)
             before = before if brake is None else before._replace(state=state, brake=brake)
-        return self._braked(before, sliding)._replace(status=StreamStatus.RESTING, ending=ending)
+        return self._braked(before, room, sliding)._replace(status=StreamStatus.RESTING, ending=ending)
 
-    def _stop(self, before: Pan) -> FloatArray:
+    def _stop(self, before: Pan, room: Room) -> FloatArray:
         """Give the next chunk of the stop, which holds until `reset`."""
         last = self._state
         if last.status is not StreamStatus.BRAKING:
-            stop = gentle_stop(before.state, before.limits, self._friction)
+            stop = gentle_stop(room.seen_inside(before.state), before.limits, last.sight.friction)
             before = before if stop is None else before._replace(brake=stop)
-        self._state = self._braked(before, last.motion.sliding[-1])._replace(status=StreamStatus.BRAKING)
+        self._state = self._braked(before, room, last.sight.sliding[-1])._replace(status=StreamStatus.BRAKING)
         return self._state.motion.acceleration.copy()
 
-    def _braked(self, before: Pan, sliding: FloatArray) -> StreamState:
+    def _braked(self, before: Pan, room: Room, sliding: FloatArray) -> StreamState:
         """Return the next chunk of a pan's stop."""
         last = self._state
         u = before.brake.accelerations(self.chunk)
         states = integrate_pan(np.array(before.state[:6]), u)
         motion = self._predict(before, u, u, states, sliding)
         after, commanded = before.braked(self.chunk, states, u), _commanded(last.commanded, motion)
-        return StreamState(motion, before, after, commanded, Asked(last.motion, last.commanded))
+        return StreamState(motion, before, after, commanded, Asked(last.commanded), last.sight.then(motion), room)
 
     def _predict(
         self, before: Pan, asked: FloatArray, u: FloatArray, states: FloatArray, sliding: FloatArray
@@ -528,7 +742,7 @@ def _commanded(before: FloatArray, motion: Motion) -> FloatArray:
     return np.concatenate([position + moved, velocity + pan[-1, 3:] - pan[0, 3:]])
 
 
-def _last(first: Motion, then: Motion, samples: int) -> Motion:
+def _joined(first: Motion, then: Motion, samples: int) -> Motion:
     """Return as many samples as `first` has, the last of them so many of the motion that goes on from it."""
     done = then.first(samples)
     return Motion(

@@ -27,8 +27,19 @@ class ArmOptions:
     friction: float | None = option("Friction in the simulator; 0.5 if not given.", metavar="MU")
     object_mass: float | None = option("Mass of the object; 0.1 kg if not given.", metavar="KG")
     noise: float | None = option("Spread of the measured object position (m).", metavar="M")
-    seed: int | None = option("Seed of the noise.")
+    camera_rate: float | None = option("Closed loop by a camera of so many frames a second.", metavar="HZ")
+    latency: float | None = option("Time until a frame is told (s).", metavar="S")
+    dropout: float | None = option("Share of the frames that are lost.", metavar="SHARE")
+    command_delay: float | None = option("Time until the arm executes a command (s).", metavar="S")
+    seed: int | None = option("Seed of noise and losses.")
+    identify: bool = option("Say what friction and delay were found on the way.", False)
+    log: Path | None = option("Log to write, for slide-identify.", metavar="CSV")
     disturb: tuple[str, ...] = option("push@T=FX,FY (N) or friction@T=MU; may be repeated.", (), metavar="WHAT")
+
+    @property
+    def sees(self) -> bool:
+        """Whether the loop is closed by a camera, rather than by states every millisecond."""
+        return any(value is not None for value in (self.camera_rate, self.latency, self.dropout)) or self.identify
 
     @property
     def given(self) -> list[str]:

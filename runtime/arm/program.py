@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
 from runtime.arm.events import Event
+from runtime.arm.eyes import Camera, Eyes, LateArm, watching
 from runtime.arm.film import check_ffmpeg, check_film, filming
 from runtime.arm.geometry import OBJECT_RADIUS, PAN_RADIUS
 from runtime.arm.interface import Measured
@@ -26,15 +27,21 @@ from runtime.arm.simulation import SimulatedArm
 from runtime.arms.description import ArmDescription
 from runtime.arms.options import ArmChoice, choose
 from runtime.client import RemoteStream
+from runtime.documents.checks import FloatArray
 from runtime.documents.files import reading
 from runtime.documents.writing import check_writable
 from runtime.errors import InputError
+from runtime.identify.log import write_log
 from runtime.limits import Limits
 from runtime.physics.law import DT
 from runtime.plan import Plan
 from runtime.planner import Planner
 from runtime.report.report import write_report
 from runtime.sizes import Sizes
+from runtime.stream import Stream
+
+LEAST_NOISE = 2e-4
+"""Noise that a stream is told if its camera has less (m): the simulators' bodies rock by as much."""
 
 SIMULATED_SIZES = Sizes(PAN_RADIUS, OBJECT_RADIUS)
 """Radii of the simulated pan and object."""
@@ -49,6 +56,7 @@ class Outcome:
         results: its figures; None if it was interrupted before the first sample.
         notes: one line for each thing that was missed.
         remarks: one line for each thing worth knowing.
+        rows: what else is to be shown, names and values.
         interrupted: whether it was stopped from the keyboard.
         document: the figures as a JSON document.
     """
@@ -57,6 +65,7 @@ class Outcome:
     results: Results | None
     notes: list[str]
     remarks: list[str]
+    rows: list[tuple[str, str]]
     interrupted: bool
     document: dict[str, Any]
 
@@ -88,12 +97,14 @@ def run_on_arm(
     plan = Plan.load(plan_file)
     with reading(str(plan_file)):
         check_plan(plan)
-    arm = _arm(settings, choice)
+    arm, loop = _arm(settings, choice), _Loop(options)
     hooks = [*(event.hook(arm.engine) for event in events), *hooks]
     with ExitStack() as stack:
-        source, remarks = _source(plan, options, stack)
+        source, remarks = _source(plan, options, loop, stack)
         remarks += _other_sizes(plan.sizes)
         recording = _execute(plan, arm, source, hooks, options)
+    if options.log is not None and len(recording):
+        write_log(options.log, recording.pan, loop.seen(recording))
 
     friction = None if events else arm.settings.friction
     results = Results.of(plan, recording, friction) if len(recording) else None
@@ -107,14 +118,74 @@ def run_on_arm(
         "loop": _loop(options),
         "control": "paper" if options.paper_control else "feed-forward",
         "friction": arm.settings.friction,
+        "eyes": None if loop.camera is None else asdict(loop.camera.eyes),
+        "found": loop.found,
         "interrupted": recording.interrupted,
         "results": None if results is None else results.to_dict(),
         "limits": {} if results is None else _shares(results, arm.arm),
         "video": None if options.video is None else str(options.video),
         "report": None if report is None else str(report),
+        "log": None if options.log is None else str(options.log),
     }
     notes = [] if results is None else results.notes
-    return Outcome(plan, results, notes, remarks, recording.interrupted, document)
+    return Outcome(plan, results, notes, remarks, loop.rows, recording.interrupted, document)
+
+
+class _Loop:
+    """What closes the loop, and what it found.
+
+    Attributes:
+        camera: what sees the object; None if states are measured every sample, or the loop is open.
+        stream: what follows, in closed loop without a server.
+    """
+
+    def __init__(self, options: ArmOptions) -> None:
+        self.camera: Camera | None = None
+        self.stream: Stream | None = None
+        self._identifies = options.identify
+        if options.sees:
+            given = {
+                name: value
+                for name in ("camera_rate", "latency", "noise", "dropout", "command_delay", "seed")
+                if (value := getattr(options, name)) is not None
+            }
+            self.camera = Camera(Eyes(**given))
+
+    def seen(self, recording: Recording) -> FloatArray:
+        """Return (n, 2) where the object was seen at each sample (m), NaN where it was not."""
+        if self.camera is None:
+            return recording.sliding[:, :2]
+        seen = np.full((len(recording), 2), np.nan)
+        for frame in self.camera.frames:
+            if frame.taken < len(seen):
+                seen[frame.taken] = frame.position
+        return seen
+
+    @property
+    def found(self) -> dict[str, Any] | None:
+        """Friction and delay that were found, as a JSON document; None if that was not asked for."""
+        if not self._identifies or self.stream is None:
+            return None
+        friction, kinetic, static = self.stream.friction
+        return {
+            "friction": friction.to_dict(),
+            "kinetic_interval": list(kinetic),
+            "static_interval": list(static),
+            "delay": self.stream.delay,
+        }
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The same as names and values."""
+        if not self._identifies or self.stream is None:
+            return []
+        friction, kinetic, static = self.stream.friction
+        delay = self.stream.delay
+        return [
+            ("kinetic friction found", f"{friction.kinetic:.3f}, from {kinetic[0]:.3f} to {kinetic[1]:.3f}"),
+            ("static friction found", f"from {static[0]:.2f} to {static[1]:.2f}"),
+            ("delay of the arm found", "not known" if delay is None else f"{delay * 1e3:.1f} ms"),
+        ]
 
 
 def _arm(settings: Simulated, choice: ArmChoice) -> SimulatedArm:
@@ -145,6 +216,10 @@ def _check_outputs(options: ArmOptions, report: Path | None) -> None:
         raise InputError("--gui needs a display: DISPLAY is not set")  # the simulator would end the process
     if options.model is not None and options.server is not None:
         raise InputError("--model and --server: the server has a model of its own")
+    if options.log is not None:
+        check_writable(options.log)
+    if options.sees and (options.server is not None or not options.closed_loop):
+        raise InputError("--camera-rate, --latency, --dropout and --identify need --closed-loop without --server")
     if options.model is not None and not options.closed_loop:
         raise InputError("--model needs --closed-loop: open loop, the plan alone moves the pan")
 
@@ -153,7 +228,7 @@ def _simulated(options: ArmOptions) -> Simulated:
     given = {
         name: value
         for name in ("simulator", "friction", "object_mass", "noise", "seed")
-        if (value := getattr(options, name)) is not None
+        if (value := getattr(options, name)) is not None and not (name == "noise" and options.sees)
     }
     control = PAPER_CONTROL if options.paper_control else FULL_CONTROL
     return Simulated(control=control, gui=options.gui, **given)
@@ -175,13 +250,13 @@ def _loop(options: ArmOptions) -> str:
     return "closed loop" if options.closed_loop else "open loop"
 
 
-def _source(plan: Plan, options: ArmOptions, stack: ExitStack) -> tuple[Source, list[str]]:
+def _source(plan: Plan, options: ArmOptions, loop: _Loop, stack: ExitStack) -> tuple[Source, list[str]]:
     """Return what moves the pan, and what is to be said of it; what must be closed is left to the stack.
 
     In closed loop the network keeps to what the plan was made for: its friction, its limits, its sizes.
     """
-    held = plan.quality.limits
-    limits = None if held["pan_reach"] is None else Limits.from_dict(held)
+    held = {name: value for name, value in plan.quality.limits.items() if value is not None}
+    limits = Limits(**held) if held else None
     if options.server is not None:
         token = os.environ.get("SLIDE_TOKEN")  # a command line is seen by everyone on the machine
         remote = stack.enter_context(
@@ -191,8 +266,17 @@ def _source(plan: Plan, options: ArmOptions, stack: ExitStack) -> tuple[Source, 
     if not options.closed_loop:
         return open_loop(plan), []
     planner = Planner(options.model)
-    stream = planner.stream(plan.command_position, plan.friction, limits=limits, sizes=plan.sizes)
+    stream = loop.stream = planner.stream(
+        plan.command_position,
+        plan.friction,
+        limits=limits,
+        sizes=plan.sizes,
+        command_delay=options.command_delay or 0.0,
+        noise=max(options.noise or 0.0, LEAST_NOISE),
+    )
     remarks = _other(plan, planner.bundle.manifest.name, planner.bundle.sha256)
+    if loop.camera is not None:
+        return watching(stream, loop.camera, stream.chunk, len(plan)), remarks
     return closed_loop(stream, stream.chunk, len(plan)), remarks
 
 
@@ -210,7 +294,7 @@ def _execute(plan: Plan, arm: SimulatedArm, source: Source, hooks: Sequence[Hook
             hooks = [*hooks, stack.enter_context(filming(options.video, camera))]
         if options.gui:
             hooks = [*hooks, _real_time()]
-        return execute(plan, arm, source, hooks)
+        return execute(plan, LateArm(arm, options.command_delay or 0.0), source, hooks)
 
 
 def _real_time() -> Hook:

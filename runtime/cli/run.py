@@ -73,7 +73,9 @@ def _run_on_arm(plan_file: Path, options: ArmOptions, choice: ArmChoice, report:
         document = outcome.document
         shares = [f"{name} {share:.0%}" for name, share in document["limits"].items()]
         more = [("of the joints' limits", ", ".join(shares))] if shares else []
-        more += [(name, str(path)) for name, path in (("video", options.video), ("report", report)) if path]
+        more += outcome.rows
+        written = (("video", options.video), ("report", report), ("log", options.log))
+        more += [(name, str(path)) for name, path in written if path]
         title = f"{plan_file} on arm {document['arm']} in {document['simulator']}, {document['loop']}"
         print_table(title, [*outcome.results.rows, *more])
     if outcome.interrupted:

@@ -11,6 +11,7 @@ import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.documents.files import reading
+from runtime.documents.writing import write_whole
 from runtime.errors import InputError
 from runtime.physics.law import DT
 
@@ -29,6 +30,9 @@ FEWEST = 20
 
 SLOWEST = 0.02
 """Longest time between two rows of a pan (s)."""
+
+LIFTS = 1e-3
+"""Height (m) from which on a pan is logged as one that lifts: below, it trembles."""
 
 FARTHEST = 1e3
 """Largest value (m, m/s^2): beyond is a slip of the unit."""
@@ -80,6 +84,25 @@ def read_log(path: Path) -> Log:
         pan = np.stack([_column(rows, names, name) for name in pan_names], axis=1)
         position = np.stack([_column(rows, names, name, may_miss=True) for name in OBJECT], axis=1)
         return log_of(time, pan, position, are_positions=pan_names[0] == POSITIONS[0])
+
+
+def write_log(path: Path, pan: FloatArray, position: FloatArray) -> None:
+    """Write what was recorded every millisecond, as `read_log` reads it.
+
+    Args:
+        path: of the file.
+        pan: (n, 6) pan position (m) and velocity (m/s).
+        position: (n, 2) of the object relative to the pan (m); NaN where there was no frame.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    names = POSITIONS if np.abs(pan[:, 2]).max() > LIFTS else POSITIONS[:2]
+    lines = [",".join((TIMES[0], *names, *OBJECT))]
+    for k, (row, seen) in enumerate(zip(pan[:, : len(names)].tolist(), position.tolist(), strict=True)):
+        frame = [f"{value:.7g}" for value in seen] if math.isfinite(seen[0]) else ["", ""]
+        lines.append(",".join([f"{k * DT:.3f}", *(f"{value:.9g}" for value in row), *frame]))
+    write_whole(path, "\n".join([*lines, ""]).encode())
 
 
 def log_of(time: FloatArray, pan: FloatArray, position: FloatArray, are_positions: bool = False) -> Log:

@@ -67,6 +67,10 @@ class DelaySearch(NamedTuple):
             at,
         )
 
+    def again(self) -> Self:
+        """Return it for samples that are counted from another beginning."""
+        return self._replace(last=-SPACING)
+
     @property
     def delay(self) -> float | None:
         """The delay that explains the readings best (s); None while they tell too little.

@@ -10,7 +10,7 @@ import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.observe.past import KEPT, Past
+from runtime.observe.past import Past
 from runtime.observe.sliding import PUSHED_SPEED, Belief, Frame
 from runtime.physics.law import DT, GRAVITY, slide_one
 
@@ -96,7 +96,7 @@ class Watch(NamedTuple):
 
     def carried(self, past: Past) -> Self:
         """Return it with the object moved along to now, if the past is about to forget its last frame."""
-        if past.end - self.last.frame.at <= KEPT // 2:
+        if past.end - self.last.frame.at <= past.kept // 2:
             return self
         return self.placed(past.end, self.now(past)[-1])
 

@@ -2,7 +2,8 @@
 
 One rule holds: a reading is believed as far as the one before it agrees. Of three differences from what was commanded,
 none, the last reading's and this one's, the middle one counts, in each coordinate. So one false reading, however large,
-moves nothing; what is true moves the pan by the next reading; and half of the noise is gone.
+moves nothing. What is true moves the pan from the next reading on, at once if readings are seldom, and within SETTLING
+if they are many, so that their noise is averaged.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ from runtime.documents.checks import FloatArray
 APART = 10
 """Samples between the two of many rows that are compared: a glitch is shorter."""
 
-DISTANCE, SPEED = 0.005, 0.1
+SETTLING = 0.02
+"""Time (s) in which readings, however many, are believed."""
+
+DISTANCE, SPEED = 0.01, 0.15
 """Difference (m, m/s) up to which a pan is where it was told to be, noise and lag included."""
 
 
@@ -42,19 +46,26 @@ class Offset(NamedTuple):
         return large(self.believed)
 
 
-def agree(before: FloatArray, now: FloatArray, time: float) -> Offset:
+def agree(before: FloatArray, now: FloatArray, time: float, share: float = 1.0) -> Offset:
     """Compare a reading with the one before it.
 
     Args:
         before: (2d,) what of the last reading's difference was not believed: position (m), velocity (m/s).
         now: (2d,) this one's difference from the prediction.
         time: between the two (s).
+        share: of what they agree on that is believed.
     """
-    axes = len(now) // 2
-    moved = before.copy()
-    moved[:axes] += before[axes:] * time
-    believed = np.clip(0.0, np.minimum(moved, now), np.maximum(moved, now))
+    moved = along(before, time)
+    believed = share * np.clip(0.0, np.minimum(moved, now), np.maximum(moved, now))
     return Offset(believed, now - believed)
+
+
+def along(difference: FloatArray, time: float) -> FloatArray:
+    """Return a difference of position (m) and velocity (m/s), (2d,), a time later (s)."""
+    axes = len(difference) // 2
+    moved = difference.copy()
+    moved[:axes] += difference[axes:] * time
+    return moved
 
 
 def large(difference: FloatArray) -> bool:

@@ -48,8 +48,8 @@ TAILS = 4.0
 SURE = 5.0
 """Standard deviations beyond which a frame is no noise: something happened."""
 
-PUSHED_SPEED = 0.5
-"""Largest speed (m/s) that a push is thought to leave."""
+PUSHED_SPEED = 0.2
+"""Largest speed (m/s) that a push is thought to leave: friction takes it within 40 ms."""
 
 DEAD = 8.0
 """Logarithm of the weight, below the best one's, at which a static friction gives way to another."""
@@ -183,6 +183,10 @@ class Belief(NamedTuple):
             spread[:, 2:4] = 0.0
         kinetic = np.clip(self.kinetic + change[:, 4], LEAST_KINETIC, MAX_COEFFICIENT)
         return type(self)(frame, states, kinetic, self.static, weight, spread, best, event)._refined()
+
+    def spread_after(self, u: FloatArray) -> FloatArray:
+        """Return (5, 5) the covariance after pan accelerations (n, d) more (m/s^2)."""
+        return self._spread(u, slide_one(self.state, u, self.friction)[-1]) if len(u) else self.spread
 
     def _friction(self, one: int) -> Friction:
         kinetic = float(self.kinetic[one])

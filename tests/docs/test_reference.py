@@ -24,7 +24,14 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 PAGES = sorted(path for path in DOCS.rglob("*.md") if path.parent.name != "decisions")
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *PAGES]
 
-OTHER_VARIABLES = {"SLIDE_CHROMIUM", "SLIDE_SEQUENCES", "SLIDE_PLANS", "SLIDE_EXAMPLES"}
+OTHER_VARIABLES = {
+    "SLIDE_CHROMIUM",
+    "SLIDE_SEQUENCES",
+    "SLIDE_PLANS",
+    "SLIDE_STEPS",
+    "SLIDE_FALSE_READINGS",
+    "SLIDE_EXAMPLES",
+}
 """Those of the tests, which no server knows."""
 
 
