@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm serve test nightly check docs bench bench-server soak clean
+.PHONY: help run demo-arm serve test nightly check notebooks docs bench bench-server soak clean
 
 help: ## list the verbs
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -32,10 +32,14 @@ nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelera
 	SLIDE_SEQUENCES=100000 SLIDE_PLANS=10000 $(BIN)/python -m pytest tests/runtime/safety --durations 5 --timeout 14400
 	SLIDE_STEPS=100000 SLIDE_FALSE_READINGS=10000 $(BIN)/python -m pytest tests/runtime/test_sight.py --timeout 14400
 
-check: $(VENV)/dev.stamp docs ## lint, formatting, types, and the documentation with its links
+check: $(VENV)/dev.stamp docs notebooks ## lint, formatting, types, the notebooks, and the documentation with its links
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+notebooks: $(VENV)/dev.stamp ## run the notebooks of examples/notebooks, and write them to out/notebooks
+	NOTEBOOK_EPOCHS=1 $(BIN)/python -m nbconvert --log-level WARN --to notebook --execute --output-dir out/notebooks \
+	  examples/notebooks/*.ipynb
 
 docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

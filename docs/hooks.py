@@ -2,12 +2,15 @@
 
 A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a
 request's names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents,
-`<!-- folders: runtime -->` that of a package's folders.
+`<!-- folders: runtime -->` that of a package's folders, `<!-- notebook: first_plan -->` a notebook of
+`examples/notebooks` with what it shows, and `<!-- gallery -->` the plans of `examples/gallery.py`.
 """
 
 from __future__ import annotations
 
 import ast
+import importlib.util
+import json
 import os
 import re
 import subprocess
@@ -29,6 +32,8 @@ WIDTH = 100
 
 PROGRAM = re.compile(r"^<!-- program: (slide-[a-z-]+) -->$", flags=re.MULTILINE)
 SCHEMA = re.compile(r"^<!-- schema: ([A-Za-z]+) -->$", flags=re.MULTILINE)
+GALLERY = "<!-- gallery -->"
+NOTEBOOK = re.compile(r"^<!-- notebook: ([a-z_]+) -->$", flags=re.MULTILINE)
 FOLDERS = re.compile(r"^<!-- folders: ([a-z]+) -->$", flags=re.MULTILINE)
 
 
@@ -39,13 +44,28 @@ def on_config(config: Any) -> Any:
     return config
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
+def on_page_markdown(markdown: str, config: Any = None, **_: Any) -> str:
     """Replace the marks of one page."""
+    if GALLERY in markdown:
+        markdown = markdown.replace(GALLERY, gallery(Path(config.site_dir) / "gallery"))
     markdown = PROGRAM.sub(lambda found: f"```text\n{help_of(found[1])}\n```", markdown)
     markdown = FOLDERS.sub(lambda found: folders_table(found[1]), markdown)
+    markdown = NOTEBOOK.sub(lambda found: notebook_page(found[1]), markdown)
     markdown = SCHEMA.sub(lambda found: schema_table(found[1]), markdown)
     markdown = markdown.replace("<!-- settings -->", settings_table())
     return markdown.replace("<!-- problems -->", problems_table())
+
+
+def gallery(folder: Path) -> str:
+    """Write the files of the gallery, and return its plans as HTML for a page beside the folder."""
+    spec = importlib.util.spec_from_file_location("slide_gallery", ROOT / "examples" / "gallery.py")
+    if spec is None or spec.loader is None:
+        raise RuntimeError("examples/gallery.py is missing")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look for it there
+    spec.loader.exec_module(module)
+    cards = "\n".join(made.card(folder.name) for made in module.make_gallery(folder))
+    return f'<div class="gallery">\n{cards}\n</div>'
 
 
 def programs() -> dict[str, str]:
@@ -81,6 +101,30 @@ def folders_table(package: str) -> str:
         said = ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))) or ""
         rows.append(f"| `{package}/{init.parent.name}/` | {said.splitlines()[0] if said else ''} |")
     return "\n".join(rows)
+
+
+def notebook_page(name: str) -> str:
+    """Return a notebook of `examples/notebooks` as a page: its text, its code, and what each cell has shown."""
+    path = ROOT / "examples" / "notebooks" / f"{name}.ipynb"
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        parts += [_shown_output(output) for output in cell["outputs"]]
+    return "\n\n".join(parts)
+
+
+def _shown_output(output: dict[str, Any]) -> str:
+    """Return what a cell has shown, the richest form of it."""
+    data = {kind: "".join(content) for kind, content in output.get("data", {}).items()}
+    if "text/html" in data:
+        return "\n".join(line for line in data["text/html"].splitlines() if line.strip())  # a blank line would end it
+    if "image/png" in data:
+        return f'<img alt="" src="data:image/png;base64,{"".join(data["image/png"].split())}">'
+    return f"```text\n{(data.get('text/plain') or ''.join(output.get('text', ''))).rstrip()}\n```"
 
 
 def schema_table(name: str) -> str:

@@ -255,8 +255,8 @@ def _source(plan: Plan, options: ArmOptions, loop: _Loop, stack: ExitStack) -> t
 
     In closed loop the network keeps to what the plan was made for: its friction, its limits, its sizes.
     """
-    held = {name: value for name, value in plan.quality.limits.items() if value is not None}
-    limits = Limits(**held) if held else None
+    held = plan.quality.limits
+    limits = None if held["pan_reach"] is None else Limits.from_dict(held)
     if options.server is not None:
         token = os.environ.get("SLIDE_TOKEN")  # a command line is seen by everyone on the machine
         remote = stack.enter_context(

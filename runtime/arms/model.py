@@ -17,6 +17,9 @@ PAN_SITE = "pan_centre"
 PAN_SPACE = 0.1
 """Height of the space above the pan that belongs to it and the object (m)."""
 
+SINGULAR = 1e-6
+"""Smallest singular value of a Jacobian that is taken for invertible (m or 1 per rad)."""
+
 SHORTEST_SHAPE = 1e-3
 """Length below which a link is drawn without a capsule (m)."""
 
@@ -115,10 +118,27 @@ def pose_error(target: FloatArray, attitude: FloatArray, position: FloatArray, r
     return error
 
 
+def _weight(arm: ArmDescription) -> FloatArray:
+    """Return (n,) how much each joint is to take of a motion: the square of the acceleration that it may make."""
+    limit = arm.limit("acceleration")
+    known = np.isfinite(limit)
+    if not known.any():
+        return np.ones(len(arm))
+    most = limit[known].max()
+    weight: FloatArray = (np.where(known, limit, most) / most) ** 2
+    return weight
+
+
 class ArmModel:
     """Kinematics and dynamics of an arm that holds a pan; joint angles in rad, in the order of its joints.
 
     Not for several threads at once.
+
+    Attributes:
+        arm: its description.
+        model: mujoco's.
+        data: mujoco's, scratch space of every call.
+        weight: (n,) how much each joint takes of a motion, where there is a choice.
 
     Args:
         arm: its description.
@@ -143,6 +163,7 @@ class ArmModel:
         self._site = self.model.site(PAN_SITE).id
         before = {self.model.body(joint.name).id for joint in arm.joints[:-3]}
         self._links = [geom for geom in range(self.model.ngeom) if self.model.geom_bodyid[geom] in before]
+        self.weight = _weight(arm)
         self._jacobian = np.zeros((6, self.model.nv))
 
     def pan(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -161,6 +182,21 @@ class ArmModel:
         mujoco.mj_comPos(self.model, data)
         mujoco.mj_jacSite(self.model, data, self._jacobian[:3], self._jacobian[3:], self._site)
         return data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3), self._jacobian
+
+    def inverse(self, q: FloatArray) -> tuple[FloatArray, float]:
+        """Return how the joints move the pan, at angles q (n,).
+
+        Returns:
+            (n, 6) from the pan's velocity (m/s) and angular velocity (rad/s) to joint speeds, those of the least norm
+            in which joints count by their `weight`; and the smallest singular value of the Jacobian (m or 1 per rad),
+            0 if there is no such inverse.
+        """
+        jacobian = self.pan(q)[2]
+        smallest = float(np.linalg.svd(jacobian, compute_uv=False)[-1])
+        if smallest < SINGULAR:
+            return np.full((len(q), 6), np.inf), 0.0
+        weighted = jacobian * self.weight
+        return np.asarray(np.linalg.solve(weighted @ jacobian.T, weighted).T, dtype=np.float64), smallest
 
     def clear(self, q: FloatArray, distance: float) -> bool:
         """Tell whether the pan is farther than a distance (m) from all links but the last three, at angles q (n,)."""

@@ -7,7 +7,7 @@ plan's do, so that the jerk is the step from one row to the next, the first from
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,6 @@ from runtime.arms.place import Place
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.physics.law import DT
-from runtime.physics.motion import Motion
 from runtime.plan import Plan
 
 CONVERGED = 1e-10
@@ -36,6 +35,9 @@ NEARLY_SINGULAR = 1e-3
 
 ROUNDING = 1e-6
 """Share of a limit by which it may be passed and nothing is said."""
+
+MOST_TOLD = 3
+"""Limits that are told in one line."""
 
 DIRECTIONS = ("moving along x", "moving along y", "moving up", "turning about x", "turning about y", "turning about z")
 """What the rows of a Jacobian are of the pan, in the world."""
@@ -68,6 +70,16 @@ class Peak:
     def exceeded(self) -> bool:
         """Whether the limit is passed."""
         return self.share is not None and self.share > 1.0 + ROUNDING
+
+    def __str__(self) -> str:
+        """Tell it in a line, beside its limit."""
+        value = f"{self.value:.4g} {self.unit} at {self.time:.3f} s"
+        if self.limit is None:
+            return f"{self.quantity} of {self.part} {value}"
+        if self.quantity == "angle":
+            return f"{self.part} comes to {value}, its range ends at {self.limit:.4g}"
+        than = "exceeds" if self.exceeded else "is within"
+        return f"{self.quantity} of {self.part} {value} {than} the limit of {self.limit:g} {self.unit}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +176,12 @@ class JointMotion:
                 yield _peak("hand", name, float(size[k]), limit, k, HAND_LIMITS[name])
 
 
+def passed(peaks: Sequence[Peak]) -> str:
+    """Tell limits that are passed in a line: the first three of them, and how many there are besides."""
+    more = f"; and {len(peaks) - MOST_TOLD} more" if len(peaks) > MOST_TOLD else ""
+    return f"limit exceeded: {'; '.join(map(str, peaks[:MOST_TOLD]))}{more}"
+
+
 def follow_plan(model: ArmModel, place: Place, plan: Plan) -> JointMotion:
     """Return the joints along a plan and its stop, the pan beginning at a place.
 
@@ -172,20 +190,12 @@ def follow_plan(model: ArmModel, place: Place, plan: Plan) -> JointMotion:
     Raises:
         InputError: the plan's pan does not begin at rest at the origin, or see `follow`.
     """
-    motion = plan.with_stop()
-    position, velocity = path_in_space(motion)
+    pan = plan.with_stop().pan
+    position, velocity = pan[:, :3], pan[:, 3:]
     if position[0].any() or velocity[0].any():
         raise InputError("the plan's pan must begin at rest at the origin, where the arm holds it")
     rotation = place.rotation
     return follow(model, place, place.position + position @ rotation.T, velocity @ rotation.T)
-
-
-def path_in_space(motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """Return the pan's positions and velocities in space (n, 3) (m, m/s): a level motion's heights are zero."""
-    axes = motion.pan.shape[1] // 2
-    position, velocity = np.zeros((len(motion.pan), 3)), np.zeros((len(motion.pan), 3))
-    position[:, :axes], velocity[:, :axes] = motion.pan[:, :axes], motion.pan[:, axes:]
-    return position, velocity
 
 
 def follow(model: ArmModel, place: Place, position: FloatArray, velocity: FloatArray) -> JointMotion:
@@ -205,8 +215,8 @@ def follow(model: ArmModel, place: Place, position: FloatArray, velocity: FloatA
     """
     arm, attitude, home = model.arm, place.rotation, place.home
     samples, joints = len(position), len(arm)
-    weight = _weight(arm)
     redundant = joints > 6
+    weight = model.weight
     angle, speed = np.empty((samples, joints)), np.empty((samples, joints))
     pan, jacobians = np.empty((samples, 3)), np.empty((samples, 6, joints))
     q, rate, step = home.copy(), np.zeros(joints), np.zeros(joints)
@@ -252,16 +262,6 @@ def follow(model: ArmModel, place: Place, position: FloatArray, velocity: FloatA
         farthest,
         most,
     )
-
-
-def _weight(arm: ArmDescription) -> FloatArray:
-    """Return (n,) how much each joint is to take of a motion: the square of the acceleration that it may make."""
-    if "acceleration" in arm.unknown:
-        return np.ones(len(arm))
-    limit = arm.limit("acceleration")
-    known = np.isfinite(limit)
-    weight: FloatArray = np.where(known, limit, limit[known].max()) ** 2 / limit[known].max() ** 2
-    return weight
 
 
 def _solved(square: FloatArray, error: FloatArray, position: FloatArray, k: int, arm: ArmDescription) -> FloatArray:

@@ -1,8 +1,8 @@
-"""Where the arm holds the pan: the place, heading and posture in which a pan that slides things strains it least.
+"""Where the arm holds the pan: the place, heading and posture in which it moves the pan most easily.
 
-A posture is joint angles that hold the pan level. How hard a joint works there is told by its share: of its limits on
-speed, acceleration, jerk and torque, what it would need for the pan's reference motion in the direction that is worst
-for it. The worst joint's share decides.
+A posture is joint angles that hold the pan level. How hard the joints work there is told by their share: of their
+limits on speed, acceleration, jerk and torque, what they need for the pan's reference motion in the direction that is
+worst for them. The worst joint's share decides.
 """
 
 from __future__ import annotations
@@ -24,11 +24,14 @@ from runtime.documents.files import parse_json
 from runtime.documents.writing import write_whole
 from runtime.errors import InputError, OutputError
 
-REFERENCE = {"speed": 1.0, "acceleration": 6.0, "jerk": 3_000.0}
+REFERENCE = {"speed": 0.6, "acceleration": 6.0, "jerk": 3_000.0}
 """The pan's motion that shares are told for (m/s, m/s^2, m/s^3): what a plan for an arm comes to."""
 
 AROUND = 0.12 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 """How far from its place the pan goes in most plans (m): the arm must be strong there too."""
+
+AT_MOST = 0.2 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+"""How far it goes at most (m): the arm must reach that, and not be nearly singular on the way."""
 
 RANGE_MARGIN = 0.15
 """Distance that joints keep from the ends of their ranges where the pan begins (rad)."""
@@ -54,13 +57,16 @@ ITERATIONS = 60
 CONVERGED = 1e-9
 """Error of a posture that is none (m or 1)."""
 
+SMALL = 1e-9
+"""Least part of a joint in a motion (rad/m): of one that has none, no limit counts."""
+
 DAMPING = 1e-8
 """Added to the square of the Jacobian, so that a singular one gives a step all the same (m^2 or 1 per rad^2)."""
 
 LONGEST_STEP = 0.3
 """Longest Newton step (rad)."""
 
-CACHE_VERSION = 1
+CACHE_VERSION = 4
 """Changes when the search does: what was found before it is looked for again."""
 
 
@@ -151,6 +157,11 @@ def _solve(model: ArmModel, q: FloatArray, errors: Callable[..., tuple[FloatArra
     return None
 
 
+def around(model: ArmModel, q: FloatArray) -> list[FloatArray]:
+    """Return a posture and those around it, AROUND away, that the arm reaches in the same attitude."""
+    return [q, *(moved for by in AROUND if (moved := _moved(model, q, by)) is not None)]
+
+
 def share(model: ArmModel, q: FloatArray) -> float:
     """Return the worst joint's share of its limits for the reference motion at joint angles q (n,).
 
@@ -159,20 +170,36 @@ def share(model: ArmModel, q: FloatArray) -> float:
         q: joint angles that hold the pan level.
 
     Returns:
-        The share; infinite where the arm is singular, and 0 if no limit is known.
+        The share; infinite where the arm is nearly singular or cannot hold the pan, and 0 if no limit is known.
     """
-    arm = model.arm
-    jacobian = model.pan(q)[2]
-    left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
-    if singular[-1] < LEAST_SINGULAR:
+    if model.inverse(q)[1] < LEAST_SINGULAR:
         return math.inf
-    inverse = (right.T / singular) @ left.T[:, :2]
-    worst = np.linalg.norm(inverse, axis=1)
-    shares = [float((REFERENCE[name] * worst / arm.limit(name)).max()) for name in REFERENCE]
-    still = np.zeros((1, len(arm)))
-    weight = np.abs(model.torque(q[None], still, still)[0])
-    push = REFERENCE["acceleration"] * np.linalg.norm(model.inertia(q) @ inverse, axis=1)
-    return max(*shares, float(((weight + push) / arm.limit("torque")).max()))
+    most = strength(model, q)
+    return max(REFERENCE[name] / most[name] if most[name] else math.inf for name in REFERENCE)
+
+
+def strength(model: ArmModel, q: FloatArray, axes: int = 2) -> dict[str, float]:
+    """Return how fast, with which acceleration and which jerk the joints can move the pan from rest, in any direction.
+
+    Args:
+        model: of the arm.
+        q: (n,) joint angles.
+        axes: 2 for directions in the plane, 3 for all.
+
+    Returns:
+        Speed (m/s), acceleration (m/s^2) and jerk (m/s^3), infinite where no limit is known; 0 where the arm is
+        singular or too weak to hold the pan still.
+    """
+    arm, still = model.arm, np.zeros((1, len(q)))
+    inverse = model.inverse(q)[0][:, :axes]
+    if not np.isfinite(inverse).all():
+        return dict.fromkeys(REFERENCE, 0.0)
+    needed = np.maximum(np.linalg.norm(inverse, axis=1), SMALL)
+    most = {name: float((arm.limit(name) / needed).min()) for name in REFERENCE}
+    left = arm.limit("torque") - np.abs(model.torque(q[None], still, still)[0])
+    push = np.maximum(np.linalg.norm(model.inertia(q) @ inverse, axis=1), SMALL)
+    most["acceleration"] = max(0.0, min(most["acceleration"], float((left / push).min())))
+    return most
 
 
 def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArray:
@@ -204,6 +231,12 @@ def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArra
             if q is None or not value < bound:
                 break
             value = max(value, cost(_moved(model, q, by)))
+        for by in AT_MOST:
+            if q is None or not value < bound:
+                break
+            there = _moved(model, q, by)
+            if there is None or model.inverse(there)[1] < LEAST_SINGULAR:
+                return math.inf
         return value
 
     found = [level(model, rng.uniform(low, high), target) for _ in range(SAMPLES)]
@@ -227,7 +260,7 @@ def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArra
         raise InputError(f"{_nowhere(arm, at)} (of {SAMPLES} postures tried)")
     if free[0] == 0.0:
         x, y, _ = model.pan(best)[0]
-        best[0] = np.clip(-math.atan2(y, x), lower[0] + RANGE_MARGIN, upper[0] - RANGE_MARGIN)
+        best[0] = np.clip(best[0] - math.atan2(y, x), lower[0] + RANGE_MARGIN, upper[0] - RANGE_MARGIN)
     return best
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from runtime.cli.console import AsJson, print_json, print_table, run
-from runtime.limits import UNITS
+from runtime.limits import UNITS, Limits
 from runtime.network.bundle import Bundle
 from runtime.network.manifest import BUNDLE_FORMAT, TRAINED_ON, Manifest, OnePan
 from runtime.planner import DEFAULT_BUNDLE
@@ -38,10 +39,7 @@ def slide_info(
         *_network_rows(manifest),
         ("friction, static/kinetic", f"{manifest.friction.static:g}/{manifest.friction.kinetic:g}"),
         ("pan, object radius", f"{manifest.sizes.pan_radius:g} m, {manifest.sizes.object_radius:g} m"),
-        *(
-            (f"limit on {name.replace('_', ' ')}", f"{getattr(manifest.limits, name):g} {UNITS[name]}")
-            for name in UNITS
-        ),
+        *((f"limit on {name.replace('_', ' ')}", _limit(manifest.limits, name)) for name in UNITS),
     ]
     for name, unit in TRAINED_ON[manifest.kind].items():
         low, high = manifest.trained_on[name]
@@ -50,6 +48,13 @@ def slide_info(
     rows.append(("sha256", loaded.sha256))
     rows += [(name.replace("_", " "), _brief(value) + _unit(name)) for name, value in manifest.evaluation.items()]
     print_table(str(path), rows)
+
+
+def _limit(limits: Limits, name: str) -> str:
+    value = getattr(limits, name)
+    if name == "height" and limits.level:
+        return "0 m: a level pan"
+    return "none" if math.isinf(value) else f"{value:g} {UNITS[name]}"
 
 
 def _network_rows(manifest: Manifest) -> list[tuple[str, str]]:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from runtime.arms.files import format_of
-from runtime.arms.motion import JointMotion, Peak, follow_plan
+from runtime.arms.motion import JointMotion, follow_plan, passed
 from runtime.arms.options import ArmChoice, choose
 from runtime.cli.console import DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
 from runtime.documents.files import reading
@@ -55,23 +55,8 @@ def slide_joints(
     if unknown := motion.arm.unknown:
         say("slide-joints", f"note: limits on {', '.join(unknown)} are not known for {motion.arm.name}: not checked")
     if exceeded := motion.exceeded:
-        say("slide-joints", f"limit exceeded: {'; '.join(told(peak) for peak in exceeded[:3])}{_more(exceeded)}")
+        say("slide-joints", passed(exceeded))
         raise typer.Exit(DONE_BUT_MISSED)
-
-
-def told(peak: Peak) -> str:
-    """Tell a limit that is passed in a line."""
-    if peak.quantity == "angle":
-        value = f"{peak.value:.4g} {peak.unit} at {peak.time:.3f} s"
-        return f"{peak.part} comes to {value}, its range ends at {peak.limit:.4g}"
-    return (
-        f"{peak.quantity} of {peak.part} {peak.value:.4g} {peak.unit} at {peak.time:.3f} s exceeds the limit of "
-        f"{peak.limit:g} {peak.unit}, {peak.share:.2f} times"
-    )
-
-
-def _more(exceeded: tuple[Peak, ...]) -> str:
-    return f"; and {len(exceeded) - 3} more" if len(exceeded) > 3 else ""
 
 
 def _document(plan_file: Path, output: Path | None, motion: JointMotion) -> dict[str, Any]:

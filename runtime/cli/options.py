@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import typer
 
 from runtime.cli.console import DONE_BUT_MISSED, MM, say
 from runtime.documents.options import option
+from runtime.errors import InputError
 from runtime.friction import Friction
-from runtime.limits import Limits
+from runtime.limits import NAMED, Limits
 from runtime.plan import Plan, Status
 from runtime.sizes import Sizes
 
@@ -26,11 +27,33 @@ class FrictionOptions:
 
 @dataclass(frozen=True)
 class LimitOptions:
-    """What was said of the limits."""
+    """What was said of the limits: those of a name, or the model's, with single ones in their place."""
 
+    limits_of: str | None = option(f"Limits by name: {', '.join(NAMED)}.", metavar="NAME", flag="--limits")
     pan_reach: float | None = option("Limit on the pan's reach (m).", metavar="M", flag="--reach")
+    height: float | None = option("How far it may rise and sink (m); 0: level.", metavar="M")
+    level: bool = option("Keep the pan level: --height 0.", False)
+    speed_limit: float | None = option("Limit on its speed (m/s).", metavar="V")
     acceleration: float | None = option("Limit on its acceleration (m/s^2).", metavar="A")
     jerk: float | None = option("Limit on its jerk (m/s^3).", metavar="J")
+
+    def chosen(self, default: Limits) -> Limits:
+        """Return these limits, with a model's where nothing was said.
+
+        Raises:
+            InputError: a name is not known, options or limits contradict each other.
+        """
+        if self.level and self.height:
+            raise InputError(f"--level and --height {self.height:g} contradict each other")
+        named = default if self.limits_of is None else Limits.named(self.limits_of)
+        given: dict[str, Any] = {
+            "pan_reach": self.pan_reach,
+            "height": 0.0 if self.level else self.height,
+            "speed": self.speed_limit,
+            "acceleration": self.acceleration,
+            "jerk": self.jerk,
+        }
+        return replace(named, **{name: value for name, value in given.items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -50,18 +73,30 @@ class SearchOptions:
     refine_ms: float | None = option("Make the plan better for so many milliseconds.", metavar="MS")
 
 
-Settings = TypeVar("Settings", Friction, Limits, Sizes)
+Settings = TypeVar("Settings", Friction, Sizes)
 
 
-def chosen(options: FrictionOptions | LimitOptions | SizeOptions, default: Settings) -> Settings:
+def chosen(options: FrictionOptions | SizeOptions, default: Settings) -> Settings:
     """Return the default with what was given on the command line in its place."""
     return replace(default, **{name: value for name, value in vars(options).items() if value is not None})
 
 
 def reach_of_limit(plan: Plan) -> str:
-    limit = plan.quality.limits["pan_reach"]
-    of = "" if limit is None else f" of {limit * MM:.0f} mm"
-    return f"{plan.quality.pan_reach * MM:.1f} mm{of}"
+    """Say how far the pan goes, of how far it may; and how high, if it lifts."""
+    quality = plan.quality
+    reach = f"{quality.pan_reach * MM:.1f} mm{_of(quality.limits['pan_reach'], MM, 'mm')}"
+    if not quality.height_max and not quality.limits["height"]:
+        return reach
+    return f"{reach}; height {quality.height_max * MM:.1f} mm{_of(quality.limits['height'], MM, 'mm')}"
+
+
+def speed_of_limit(plan: Plan) -> str:
+    """Say how fast the pan goes, of how fast it may."""
+    return f"{plan.quality.speed_max:.2f} m/s{_of(plan.quality.limits['speed'], 1.0, 'm/s')}"
+
+
+def _of(limit: float | None, scale: float, unit: str) -> str:
+    return "" if limit is None else f" of {limit * scale:g} {unit}"
 
 
 def friction_off(plan: Plan) -> str:

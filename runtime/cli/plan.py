@@ -16,6 +16,9 @@ from typing import Annotated, Any
 
 import typer
 
+from runtime.arms.fit import CANDIDATES, Fitted, fit, pan_limits
+from runtime.arms.motion import passed
+from runtime.arms.options import ArmChoice, choose
 from runtime.assess.assess import cannot_slide, left_behind
 from runtime.cli.console import BAD_INPUT, DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import (
@@ -27,12 +30,14 @@ from runtime.cli.options import (
     conclude,
     friction_off,
     reach_of_limit,
+    speed_of_limit,
 )
 from runtime.command import Command
 from runtime.commands.files import STANDARD_INPUT
 from runtime.commands.reading import Reading
 from runtime.documents.writing import check_writable, is_standard_output
 from runtime.errors import InputError, OutputError, SlideError
+from runtime.limits import Limits
 from runtime.outputs.formats import FORMATS, format_of
 from runtime.physics.law import DT
 from runtime.plan import Plan
@@ -53,6 +58,7 @@ class Made:
         command: the command.
         plan: the plan.
         duration: time that planning took (s).
+        fitted: how it fits the arm that was chosen, None if none was.
     """
 
     source: Path
@@ -60,6 +66,15 @@ class Made:
     command: Command
     plan: Plan
     duration: float
+    fitted: Fitted | None = None
+
+    @property
+    def passed(self) -> list[str]:
+        """What an arm passes or cannot do, a line each."""
+        if self.fitted is None:
+            return []
+        exceeded = self.fitted.joints.exceeded
+        return [*([passed(exceeded)] if exceeded else []), *self.fitted.notes]
 
 
 def plan_main() -> None:
@@ -92,11 +107,16 @@ def slide_plan(
         float | None, typer.Option("--tolerance", help="Tracking RMSE to hold the plan against (m).", metavar="M")
     ] = None,
     sizes: SizeOptions = SizeOptions(),
+    arm: ArmChoice = ArmChoice(),
+    stretch: Annotated[
+        bool, typer.Option("--stretch", help="With --arm: slow the command down until its joints hold.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Plan the motion of the pan that slides the object along a command, or along each of many.
 
-    slide-info shows the model's friction, limits and radii, which count unless others are given.
+    slide-info shows the model's friction, limits and radii, which count unless others are given. With --arm the pan is
+    kept to what the arm's joints can do.
     """
     output = Path("/dev/stdout") if str(output) == "-" else output
     many = len(commands) > 1 or (output.is_dir() and not output.suffix)
@@ -104,35 +124,50 @@ def slide_plan(
     if not many:
         format_of(output)
         check_writable(output)
+    if arm.arm is None and (arm.given or stretch):
+        raise InputError(f"{[*arm.given, '--stretch'][0]} needs --arm")
     first = None if many else Command.load(commands[0], reading)
     planner = Planner(model)
     manifest = planner.bundle.manifest
     asked = {
         "friction": chosen(friction, manifest.friction),
-        "limits": chosen(limits, manifest.limits),
+        "limits": limits.chosen(manifest.limits),
         "sizes": chosen(sizes, manifest.sizes),
         "tolerance": tolerance,
         **vars(search),
     }
+    held_by = None if arm.arm is None else choose(arm)
+    if held_by is not None and search.candidates is None:
+        asked["candidates"] = CANDIDATES
     if search.refine_ms:
         kernels()  # compiles, which is not planning
-    warned = cannot_slide(asked["friction"], asked["limits"])
+    limits_there = asked["limits"] if held_by is None else pan_limits(*held_by, asked["limits"])
+    warned = cannot_slide(asked["friction"], limits_there)
     for line in warned:
         say("slide-plan", f"warning: {line}")
 
     def make(source: Path, target: Path, command: Command) -> Made:
         begin = time.perf_counter()
-        plan = planner.plan(command, **asked)
+        fitted = None
+        if held_by is None:
+            plan = planner.plan(command, **asked)
+        else:
+
+            def within(slow: Command, limits: Limits) -> Plan:
+                return planner.plan(slow, **{**asked, "limits": limits})
+
+            fitted = fit(within, command, *held_by, asked["limits"], stretch, tolerance)
+            command, plan = fitted.command, fitted.plan
         duration = time.perf_counter() - begin
         plan.save(target)
-        return Made(source, target, command, plan, duration)
+        return Made(source, target, command, plan, duration, fitted)
 
     if first is not None:
         _show(made := make(commands[0], output, first), as_json)
         if not made.plan.quality.status.failed:
             for line in left_behind(made.plan.quality.rest_error):
                 say("slide-plan", f"note: {line}")
-        conclude("slide-plan", made.plan, said=warned)
+        conclude("slide-plan", made.plan, made.passed, said=warned)
         return
     documents: list[dict[str, Any]] = []
     missed, failed = [], {}
@@ -145,6 +180,7 @@ def slide_plan(
             documents.append(_document(one))  # and not its plan, of which there may be thousands
             if one.plan.quality.status.failed:
                 missed.append(f"{source}: {one.plan.quality.status.replace('_', ' ')}: {one.plan.quality.notes[0]}")
+            missed += [f"{source}: {line}" for line in one.passed]
     _show_many(output, documents, failed, as_json)
     for line in missed:
         say("slide-plan", line)
@@ -200,6 +236,7 @@ def _document(made: Made) -> dict[str, Any]:
         "planning_time": made.duration,
         "samples_per_second": speed,
         "ratio_to_paper": speed / PAPER_SAMPLES_PER_SECOND,
+        **({} if made.fitted is None else {"arm": made.fitted.to_dict()}),
     }
 
 
@@ -220,14 +257,28 @@ def _show(made: Made, as_json: bool) -> None:
             ("stop after the end", f"{len(plan.stop_acceleration)} ms"),
             ("object to command after it", "not known" if rest is None else f"{rest * MM:.2f} mm"),
             ("pan reach", reach_of_limit(plan)),
+            ("pan speed", speed_of_limit(plan)),
             ("pan, object radius", f"{plan.sizes.pan_radius * MM:g} mm, {plan.sizes.object_radius * MM:g} mm"),
             ("share of time sliding", f"{quality.sliding_share:.1%}"),
+            *_arm_rows(made.fitted),
             ("samples governed", f"{0 if quality.governed is None else quality.governed.samples}"),
             *([("off its waypoints' lines", f"{made.command.deviation * MM:.1f} mm")] if made.command.remarks else []),
             ("planning time", f"{made.duration * 1e3:.1f} ms for {len(plan)} samples"),
             ("samples per second", f"{speed:,.0f}, {speed / PAPER_SAMPLES_PER_SECOND:.0f} x the paper's 622"),
         ]
         print_table(f"{'standard output' if taken else made.target}: {quality.status}", rows, stderr=taken)
+
+
+def _arm_rows(fitted: Fitted | None) -> list[tuple[str, str]]:
+    if fitted is None:
+        return []
+    limits, worst = fitted.limits, fitted.joints.worst
+    return [
+        ("arm", f"{fitted.joints.arm.title}, its joints {'hold' if fitted.holds else 'do not hold'}"),
+        ("command slowed down", f"{fitted.stretch:.2f} times"),
+        ("pan's limits", f"{limits.speed:.2f} m/s, {limits.acceleration:.1f} m/s^2, {limits.jerk:,.0f} m/s^3"),
+        *([] if worst is None else [("nearest its limit", f"{worst.quantity} of {worst.part}, {worst.share:.0%}")]),
+    ]
 
 
 def _show_many(folder: Path, made: Sequence[dict[str, Any]], failed: dict[str, str], as_json: bool) -> None:

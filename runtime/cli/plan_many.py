@@ -97,7 +97,7 @@ def slide_plan_many(
         sha256=bundle.sha256,
         reading=reading,
         friction=chosen(friction, manifest.friction),
-        limits=chosen(limits, manifest.limits),
+        limits=limits.chosen(manifest.limits),
         sizes=chosen(sizes, manifest.sizes),
         tolerance=tolerance,
         states=states or lerobot is not None,

@@ -45,7 +45,8 @@ def _document(name: str, value: Option) -> Any:
     if isinstance(value, Limits) and not value.finite:
         raise InputError("a server plans within limits: these are not finite", name)
     if isinstance(value, (Friction, Limits, Start, Sizes)):
-        document = dataclasses.asdict(value) if isinstance(value, Start) else value.to_dict()
-        return {key: item for key, item in document.items() if item is not None}
+        if not isinstance(value, Start):
+            return value.to_dict()
+        return {key: item for key, item in dataclasses.asdict(value).items() if item is not None}
     number(value, name)
     return value

@@ -35,6 +35,8 @@ def to_html(document: Mapping[str, Any]) -> str:
         ("tracking maximum", f"{quality['tracking_max'] * MM:.2f} mm"),
         *([] if off is None else [("RMSE if friction is 10 % off", f"{off * MM:.2f} mm")]),
         ("pan reach", f"{_of_limit(quality, 'pan_reach', 'pan_reach', MM)} mm"),
+        *([("pan height", f"{_of_limit(quality, 'height_max', 'height', MM)} mm")] if quality["height_max"] else []),
+        *([("pan speed", _speed(quality))] if quality["height_max"] or quality["limits"]["speed"] is not None else []),
         ("pan acceleration", f"{_of_limit(quality, 'acceleration_max', 'acceleration')} m/s²"),
         ("pan jerk", f"{_of_limit(quality, 'jerk_max', 'jerk')} m/s³"),
         ("time sliding", f"{quality['sliding_share']:.0%}"),
@@ -71,6 +73,12 @@ def _words(status: str) -> str:
 def _duration(document: Mapping[str, Any]) -> str:
     samples = len(document["command"]["position"])
     return f"{samples * document['dt']:g} s ({samples} samples)"
+
+
+def _speed(quality: Mapping[str, Any]) -> str:
+    """Return the pan's largest speed, and its limit if there is one."""
+    bound, value = quality["limits"]["speed"], f"{quality['speed_max']:.2f}"
+    return f"{value} m/s" if bound is None else f"{value} of {bound:g} m/s"
 
 
 def _of_limit(quality: Mapping[str, Any], figure: str, limit: str, scale: float = 1.0) -> str:

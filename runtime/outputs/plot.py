@@ -46,17 +46,21 @@ def plot(document: Mapping[str, Any]) -> Figure:
         ha="left",
         fontweight="bold",
     )
-    grid = figure.add_gridspec(6, 2, width_ratios=(1.0, 1.5))
-    _draw_object(figure.add_subplot(grid[:3, 0]), document)
-    _draw_pan(figure.add_subplot(grid[3:, 0]), table, quality["limits"])
-    error = figure.add_subplot(grid[:2, 1])
-    speed = figure.add_subplot(grid[2:4, 1], sharex=error)
-    acceleration = figure.add_subplot(grid[4:, 1], sharex=error)
+    lifts = bool(np.any(table["pan_z"]))
+    halves = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.5))
+    maps, rows = halves[0].subgridspec(2, 1), halves[1].subgridspec(4 if lifts else 3, 1)
+    _draw_object(figure.add_subplot(maps[0]), document)
+    _draw_pan(figure.add_subplot(maps[1]), table, quality["limits"])
+    error = figure.add_subplot(rows[0])
+    over_time = [error, *(figure.add_subplot(rows[row], sharex=error) for row in range(1, 4 if lifts else 3))]
+    speed, acceleration = over_time[1:3]
+    if lifts:
+        _draw_height(over_time[3], table, quality["limits"]["height"])
     _draw_error(error, table)
-    _draw_length(speed, table, "pan_v", "pan speed (m/s)", quality["limits"].get("speed"))
+    _draw_length(speed, table, "pan_v", "pan speed (m/s)", quality["limits"]["speed"])
     _draw_length(acceleration, table, "pan_a", "pan acceleration (m/s²)", quality["limits"]["acceleration"])
-    acceleration.set_xlabel("time (s)")
-    for axes in (error, speed, acceleration):
+    over_time[-1].set_xlabel("time (s)")
+    for axes in over_time:
         axes.grid(alpha=0.3)
         axes.margins(x=0.0)
         if table["stop"].any():
@@ -114,6 +118,14 @@ def _draw_length(axes: Axes, table: Mapping[str, Any], name: str, title: str, li
         axes.annotate(f"limit {limit:g}", (1.0, limit), (-4, 3), ("axes fraction", "data"), "offset points", ha="right")
     axes.set_title(title, fontsize="medium", loc="left")
     axes.set_ylim(0.0, None if limit is None else 1.25 * limit)
+
+
+def _draw_height(axes: Axes, table: Mapping[str, Any], limit: float | None) -> None:
+    """Draw the pan's height over time, and its limits."""
+    axes.plot(table["t"], table["pan_z"] * MM, color=PAN, linewidth=1.2)
+    for bound in () if limit is None else (limit, -limit):
+        axes.axhline(bound * MM, color=RIM, linewidth=1.2, dashes=(4, 3))
+    axes.set_title("pan height (mm)", fontsize="medium", loc="left")
 
 
 def _length(table: Mapping[str, Any], name: str) -> FloatArray:

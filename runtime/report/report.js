@@ -20,7 +20,8 @@ function fillHead() {
     "Planned by ", bold(model.name), " for friction ", bold(`${friction.static} static`), " and ",
     bold(`${friction.kinetic} kinetic`), ". The object lies loose on the pan. As long as the pan accelerates by less " +
     `than μg\u00a0=\u00a0${number(motion.breakaway)}\u00a0m/s², static friction carries the object along; shaken ` +
-    "harder, it breaks away and slides, and so it is made to follow the command.");
+    "harder, it breaks away and slides, and so it is made to follow the command." +
+    (motion.lifts ? " The pan also rises and sinks: as it sinks, the object weighs less and slides more easily." : ""));
 }
 
 function fillFooter() {

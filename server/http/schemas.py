@@ -6,12 +6,13 @@ checked by `runtime`, in the same words as for files.
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
 
-from runtime import Command, Friction, InputError, Reading, Sizes, Start
+from runtime import Command, Friction, InputError, Limits, Reading, Sizes, Start
 from runtime.commands.bounds import MAX_SAMPLES
 from runtime.errors import place_text, within
 from runtime.physics.law import DT
@@ -89,15 +90,27 @@ class FrictionRequest(Strict):
 
 
 class LimitsRequest(Strict):
-    """What the pan is to keep to; the model's where nothing is said."""
+    """What the pan is to keep to; where nothing is said, the limits of the name, or the model's."""
 
+    name: Literal["default", "panda", "fr3"] | None = Field(None, description="Of limits that are known.")
     pan_reach: Positive | None = Field(None, description="(m)")
     height: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
         None, description="Above and below the middle (m); 0 for a level pan."
     )
-    speed: Positive | None = Field(None, description="(m/s)")
+    speed: Positive | None = Field(None, description="(m/s); null for none.")
     acceleration: Positive | None = Field(None, description="(m/s^2)")
     jerk: Positive | None = Field(None, description="(m/s^3)")
+
+    def limits(self, default: Limits) -> Limits:
+        """Return these limits, with the default's where nothing is said.
+
+        Raises:
+            InputError: they contradict each other.
+        """
+        given = self.model_dump(exclude_none=True, exclude={"name"})
+        if "speed" in self.model_fields_set and self.speed is None:
+            given["speed"] = math.inf
+        return replace(default if self.name is None else Limits.named(self.name), **given)
 
 
 class StartRequest(Strict):
@@ -245,7 +258,7 @@ def to_job(options: Options, given: GivenCommand, bounds: ReaderOptions) -> Plan
             friction = Friction(options.friction.static, options.friction.kinetic)
     if options.limits is not None:
         with within("limits"):
-            limits = replace(limits, **options.limits.model_dump(exclude_none=True))
+            limits = options.limits.limits(limits)
     if options.start is not None:
         start = to_start(options.start)
     sizes = Sizes()

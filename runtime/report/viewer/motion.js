@@ -2,11 +2,17 @@
 
 export const GRAVITY = 9.8;  // m/s^2, the law of friction's
 export const RADIUS = { pan: 0.18, object: 0.03 };  // m, where neither a plan nor a server says otherwise
+const EYE = 0.8;  // m above the middle at least, from where a pan that lifts is seen
 const DRAWN = 6000;  // samples at most; of a longer plan every n-th is drawn, its figures are of all
 
-const columns = (rows) => ({ x: rows.map((row) => row[0]), y: rows.map((row) => row[1]) });
+/** Columns of rows; z, which is upwards, is of the pan alone. */
+const columns = (rows) => ({
+  x: rows.map((row) => row[0]), y: rows.map((row) => row[1]), z: rows.map((row) => row[2] ?? 0),
+});
+/** Lengths in the plane, which is all that there is of the object and of a level pan. */
 export const lengths = ({ x, y }) => x.map((value, k) => Math.hypot(value, y[k]));
-export const distances = (a, b) => a.x.map((value, k) => Math.hypot(value - b.x[k], a.y[k] - b.y[k]));
+export const distances = (a, b) =>
+  a.x.map((value, k) => Math.hypot(value - b.x[k], a.y[k] - b.y[k], a.z[k] - b.z[k]));
 
 /** Lowest and highest of the values; a loop, because a call takes no 100,000 arguments. */
 export function range(lists) {
@@ -59,6 +65,10 @@ export function motionOf(plan) {
     end: time.at(-1),
     rests: slip.map(([, to]) => to).filter((t) => t <= time.at(-1)).map((t) => locate({ time }, t).k),
     acceleration: drawn(plan.pan.acceleration),
+    lifts: (plan.quality.height_max ?? 0) > 0,
+    eye: Math.max(EYE, 4 * (plan.quality.height_max ?? 0)),
+    heightLimit: plan.quality.limits.height,
+    static: plan.friction.static,
     breakaway: plan.friction.static * GRAVITY,
     hold: plan.friction.kinetic * GRAVITY,
     quality: plan.quality,

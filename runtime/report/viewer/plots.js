@@ -2,7 +2,7 @@
 
 import { element, number, svg, swatch } from "./dom.js";
 import { addFigure, label, line, mark, px, scaled, setDrawing, ticks } from "./figure.js";
-import { distances, lengths, locate, range, valueAt } from "./motion.js";
+import { GRAVITY, distances, lengths, locate, range, valueAt } from "./motion.js";
 
 const AREA = { left: 42, right: 32, top: 7, bottom: 118 };  // pixels; left, right and top are margins
 const APART = 1e-5;  // m: a track whose pan differs by less moved as planned, and its pan is not plotted again
@@ -23,11 +23,30 @@ function plotsOf(motion) {
   const apart = tracks.filter((track) => range([distances(track.pan, motion.pan)])[1] > APART);
   const breaks = [{ value: motion.breakaway, words: "μg" }];
   if (motion.hold < motion.breakaway) breaks.push({ value: motion.hold, words: "μ′g" });
-  const plots = [
+  const { acceleration, lifts, heightLimit } = motion;
+  const level = {
+    title: "Pan acceleration", unit: "m/s²", zero: true, slip: true, rules: breaks,
+    series: [{ name: "magnitude", values: lengths(acceleration), kind: "pan" }],
+  };
+  // Of a pan that lifts, what friction holds changes with it: as it sinks, the object weighs less.
+  const lifting = [
     {
-      title: "Pan acceleration", unit: "m/s²", zero: true, slip: true, rules: breaks,
-      series: [{ name: "magnitude", values: lengths(motion.acceleration), kind: "pan" }],
+      title: "Pan acceleration", unit: "m/s²", slip: true,
+      series: [
+        { name: "in the plane", values: lengths(acceleration), kind: "pan" },
+        { name: "upwards", values: acceleration.z, kind: "pan dashed" },
+        { name: "friction holds", values: acceleration.z.map((w) => motion.static * (GRAVITY + w)), kind: "command" },
+      ],
     },
+    {
+      title: "Pan height", unit: "mm",
+      rules: heightLimit ? [1, -1].map((sign) => ({ value: sign * heightLimit * 1e3, words: "limit" })) : [],
+      series: [{ name: "z", values: scaled(motion.pan.z, 1e3), kind: "pan" }, ...apart.map((track) =>
+        ({ name: track.name, values: scaled(track.pan.z, 1e3), kind: track.kind }))],
+    },
+  ];
+  const plots = [
+    ...(lifts ? lifting : [level]),
     { title: "Object x", unit: "mm, on the pan", series: along("x") },
     { title: "Object y", unit: "mm, on the pan", series: along("y") },
     {

@@ -52,6 +52,9 @@ function rowsOf({ quality, stop, radius }) {
     ...known("Object to its mark, at rest", quality.rest_error),
     ...(beyond ? [["Over the rim, at most", "mm", mm(beyond), `${mm(room)} from the middle`, ""]] : []),
     bounded("Pan reach", "mm", quality.pan_reach, "pan_reach", mm),
+    ...(limits.height || quality.height_max ? [bounded("Pan height", "mm", quality.height_max, "height", mm)] : []),
+    ...(limits.speed == null && !quality.height_max ? [] : [
+      bounded("Pan speed", "m/s", quality.speed_max, "speed", (value) => number(value, 2))]),
     bounded("Pan acceleration", "m/s²", quality.acceleration_max, "acceleration", (value) => number(value, 1)),
     bounded("Pan jerk", "m/s³", quality.jerk_max, "jerk", round),
     free("Time sliding", "%", number(quality.sliding_share * 100, 0)),

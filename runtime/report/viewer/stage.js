@@ -10,6 +10,7 @@ const ON_PAN = {  // the pan is dark by day and by night
   command: "#f4f0e8", pan: "#4fa9e0", object: "#f27a2a", bad: "#ff8a80",
   "track-1": "#35d0a8", "track-2": "#e79aca", "track-3": "#ecd35c", "track-4": "#b3a8ff",
 };
+const SHADOW = [0.35, -0.55];  // where a shadow falls, by the height
 const OBJECT_COLOR = { sticks: "pan", slides: "object", "off the pan": "bad" };
 const CAST_IRON = {
   handle: "#34363a", groove: "#55585e",
@@ -107,21 +108,33 @@ export class Stage {
    * The scale is the largest at which all of the motion is seen, an object that leaves the pan included.
    */
   drawMotion(t, still) {
-    const { motion } = this, { pan, radius, reachLimit } = motion;
-    const place = locate(motion, t);
-    const around = Math.max(radius.pan * 1.12, (motion.farthest + radius.object) * 1.04);
+    const { motion } = this, { pan, radius, reachLimit, quality, eye } = motion;
+    const place = locate(motion, t), nearest = eye / (eye - (quality.height_max ?? 0));
+    const around = Math.max(radius.pan * 1.12, (motion.farthest + radius.object) * 1.04) * nearest;
     this.#begin(still ? around : Math.max((reachLimit ?? 0) * 1.06, motion.reach + around), still ? 0 : 1);
     const [x, y] = pointAt(pan, place);
     const world = still ? [-x, -y] : [0, 0];
     this.#shifted(world, () => this.#floor(world));
     this.#shifted([world[0] + x, world[1] + y], () => {
+      if (motion.lifts) this.#lift(valueAt(pan.z, place), radius.pan);
       this.#pan(radius.pan);
       this.#parted(radius.pan, (colors) => this.#motions(t, place, colors));
     });
     this.#shifted(world, () => this.#reach(place));
     this.#end();
     this.#ruler();
-    this.#dial(pointAt(motion.acceleration, place));
+    this.#dial(pointAt(motion.acceleration, place), valueAt(motion.acceleration.z, place));
+  }
+
+  /** Show the height z (m) of a pan: seen from above it is the larger the nearer, and its shadow falls farther away. */
+  #lift(z, radius) {
+    const { context, motion } = this, { eye, heightLimit, quality } = motion;
+    const height = Math.max(z + (heightLimit ?? quality.height_max), 0), nearer = eye / (eye - z);
+    context.save();
+    context.filter = `blur(${(2 + 0.05 * height * this.scale).toFixed(1)}px)`;
+    this.#fill(disc(SHADOW[0] * height, SHADOW[1] * height, radius), CAST_IRON.shadow);
+    context.restore();
+    context.scale(nearer, nearer);
   }
 
   /** Draw in the colours of the pan what lies on it, and in those of the page what lies beyond its rim. */
@@ -289,11 +302,14 @@ export class Stage {
     this.context.fillText(`${number(this.step * 1e3, 0)} mm`, x + 5, y - 6);
   }
 
-  /** The pan's acceleration as an arrow in a dial, whose ring is mu g: an object at rest breaks away beyond it. */
-  #dial([ux, uy]) {
-    const { quality, breakaway } = this.motion;
+  /**
+   * The pan's acceleration in the plane as an arrow in a dial, whose ring is mu (g + w), w being that upwards: an object
+   * at rest breaks away beyond it.
+   */
+  #dial([ux, uy], w) {
+    const { quality, breakaway: level, static: mu } = this.motion, breakaway = level + mu * w;
     const size = this.width < 480 ? 32 : 44, margin = 14 + size;
-    const scale = size / Math.max(quality.acceleration_max, breakaway, 1e-9);
+    const scale = size / Math.max(quality.acceleration_max, level, 1e-9);
     const [x, y] = [ux * scale, -uy * scale];
     this.#shifted([this.width - margin, margin], () => {
       this.#fill(disc(0, 0, size), this.colors["stage-grid"]);

@@ -56,13 +56,16 @@ export class Viewer {
     this.player.show();
   }
 
-  #fillLegend({ tracks, reachLimit }) {
+  #fillLegend({ tracks, reachLimit, lifts }) {
     const entries = [["command", "command"], ["object", "object’s path"]];
     for (const { kind, name } of tracks) entries.push([kind, name]);
     entries.push(["pan", "pan centre’s path"]);
     if (reachLimit) entries.push(["pan dotted", `its limit, ${mm(reachLimit)} mm`]);
     $("stage-legend").replaceChildren(
       ...entries.map(([kind, name]) => element("span", {}, swatch(kind), name)),
-      element("span", { textContent: "dial: the pan’s acceleration, its ring at μg" }));
+      ...(lifts ? [element("span", { textContent: "size and shadow: the pan’s height" })] : []),
+      element("span", { textContent: lifts
+        ? "dial: the pan’s acceleration in the plane, its ring what friction holds"
+        : "dial: the pan’s acceleration, its ring at μg" }));
   }
 }

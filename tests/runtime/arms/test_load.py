@@ -176,6 +176,16 @@ def test_a_bad_urdf_is_told_in_one_line(message: str, tmp_path: Path) -> None:
     assert str(caught.value).startswith(str(path))
 
 
+@pytest.mark.parametrize("file", ["kuka_iiwa/model.urdf", "franka_panda/panda.urdf", "xarm/xarm6_robot.urdf"])
+def test_robots_of_others_are_read_as_they_are(file: str) -> None:
+    robots = pytest.importorskip("pybullet_data")
+    arm = load_arm(Path(robots.getDataPath()) / file)
+    assert len(arm) in (6, 7)
+    position, rotation, _ = ArmModel(arm).pan(np.zeros(len(arm)))
+    assert np.isfinite(position).all()
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+
+
 def test_a_name_that_is_unknown_is_told_with_the_known_ones() -> None:
     with pytest.raises(InputError, match="there is no arm named 'ur6': known are fr3, iiwa14, panda, paper"):
         load_arm("ur6")

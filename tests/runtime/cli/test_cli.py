@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime import Friction, Plan, Planner, Sizes
+from runtime import Friction, Limits, Plan, Planner, Sizes
 from runtime.cli.info import info_main
 from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND, plan_main
 from runtime.cli.run import run_main
@@ -112,6 +113,43 @@ def test_limits_can_be_tightened(slide: Slide, tmp_path: Path) -> None:
     assert quality["status"] in ("governed", "limited")
     code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--jerk", "0")
     assert (code, err) == (2, "slide-plan: error: limit jerk must be greater than 0 m/s^3, got 0 m/s^3\n")
+
+
+def test_limits_have_names_a_height_and_a_speed(slide: Slide, tmp_path: Path) -> None:
+    rough = ["--static", "0.5", "--kinetic", "0.3", "--json"]
+    for options, limits in (
+        (["--limits", "panda"], Limits.named("panda")),
+        (["--limits", "panda", "--level"], replace(Limits.named("panda"), height=0.0)),
+        (
+            ["--limits", "fr3", "--height", "0.02", "--reach", "0.15"],
+            replace(Limits.named("fr3"), pan_reach=0.15, height=0.02),
+        ),
+        (["--height", "0.1", "--speed-limit", "1.5"], Limits(height=0.1, speed=1.5)),
+        (["--level"], Limits()),
+    ):
+        _, out, _ = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", *rough, *options)
+        quality = json.loads(out)["quality"]
+        assert quality["limits"] == limits.to_dict()
+        assert quality["speed_max"] <= limits.speed + 1e-9
+    for options, message in (
+        (["--limits", "pandas"], "there are no limits named 'pandas': known are default, panda, fr3"),
+        (["--level", "--height", "0.1"], "--level and --height 0.1 contradict each other"),
+        (["--height", "-0.1"], "limit height must be at least 0 m, which is a level pan, got -0.1 m"),
+        (["--speed-limit", "nan"], "limit speed must be greater than 0 m/s, got nan m/s"),
+        (
+            ["--height", "0.1", "--refine-ms", "5"],
+            "only plans for a level pan are refined, and this one lifts by 0.1 m",
+        ),
+    ):
+        code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "none.json", *options)
+        assert code == 2
+        assert err.startswith(f"slide-plan: error: {message}")
+        assert not (tmp_path / "none.json").exists()
+    code, out, _ = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json", "--limits", "panda", "--static", "0.6")
+    assert "m/s of 1.7 m/s" in out
+    assert "height 0.0 mm of 100 mm" in out
+    code, out, _ = slide("slide-plan", EXAMPLE, "-o", tmp_path / "plan.json")
+    assert "height" not in out
 
 
 def test_friction_beyond_the_training_is_a_warning(slide: Slide, tmp_path: Path) -> None:

@@ -160,6 +160,20 @@ def test_figure_shows_both_paths_the_rim_and_the_limits(plan: Plan) -> None:
         pyplot.close(figure)
 
 
+def test_height_and_speed_are_shown_of_a_pan_that_lifts(plan: Plan) -> None:
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("agg")
+    lifted = plan.pan_position + [0.0, 0.0, 0.02] * np.sin(np.linspace(0.0, np.pi, len(plan)))[:, None]
+    limits = {**plan.quality.limits, "height": 0.1, "speed": 1.7}
+    lifting = replace(plan, pan_position=lifted, quality=replace(plan.quality, height_max=0.02, limits=limits))
+    for each, shown in ((plan, False), (lifting, True)):
+        figure = each.plot()
+        assert (figure.axes[-1].get_title(loc="left") == "pan height (mm)") is shown
+        pyplot.close(figure)
+        assert ("pan height" in each._repr_html_()) is shown
+        assert ("of 1.7 m/s" in each._repr_html_()) is shown
+
+
 def test_notebook_is_shown_pictures_and_figures_that_need_nothing_else(plan: Plan) -> None:
     shown = plan._repr_html_()
     assert len(shown) < 20_000

@@ -27,7 +27,11 @@ from runtime.physics.pan import integrate_pan
 from runtime.plan import Plan
 from runtime.quality import OffPan, Status
 from runtime.report.report import MAX_SAMPLES, Track, render_report, slip_phases, write_report
+from runtime.safety.governor import govern
+from runtime.safety.pan import Pan
+from runtime.safety.rest import stop_after
 from runtime.sizes import Sizes
+from runtime.start import Start
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -55,6 +59,20 @@ def shaken_plan(samples: int = 700, friction: Friction | None = None) -> Plan:
     motion = Motion(u, u, pan, sliding)
     quality = assess(motion, STOP, command, friction, LIMITS, Sizes(), u[0])
     return Plan.of(motion, STOP, command, friction, quality, "shaken", "ab" * 32)
+
+
+def lifting_plan(samples: int = 600) -> Plan:
+    """Return a plan whose pan rises and sinks as it is shaken, within the limits of a Panda."""
+    limits, friction, start = Limits.named("panda"), Friction(0.5, 0.3), np.zeros((1, 4))
+    t = np.arange(samples) * 1e-3
+    asked = np.stack([6.0 * np.sin(14.0 * t), 6.0 * np.cos(13.0 * t), 6.0 * np.sin(18.0 * t)], axis=1)
+    u, states, (ahead,) = govern([Pan.at_start(Start(), limits)], asked[None])
+    sliding = np.concatenate([start, slide_one(start[0], u[0], friction)])
+    motion = Motion(u[0], asked, np.concatenate([np.zeros((1, 6)), states[0]]), sliding)
+    command = sliding[:-1, :2]
+    stop = stop_after(motion, samples, ahead, command[-1], friction)
+    quality = assess(motion, stop, command, friction, limits, Sizes(), np.zeros(3))
+    return Plan.of(motion, stop, command, friction, quality, "lifting", "cd" * 32)
 
 
 def replayed(plan: Plan, name: str, friction: Friction) -> Track:
@@ -328,6 +346,22 @@ def test_every_track_has_its_row_and_a_colour_of_its_own(plan: Plan, open_report
     assert all(name in legend for name in names)
     lines = page.locator("#plots figure").last.locator(".frame path.curve")
     assert lines.count() == 4  # the plan's pan and the one that moved otherwise, along x and y
+
+
+def test_a_pan_that_lifts_has_its_height_drawn(plan: Plan, open_report: Callable[..., Page]) -> None:
+    lifting = lifting_plan()
+    assert lifting.quality.height_max > 0.01
+    page = open_report(lifting, [], "#t=0.2")
+    titles = page.locator("#plots h2").all_inner_texts()
+    assert any(title.startswith("Pan height") for title in titles)
+    figures = page.locator("#figures tbody tr").all_inner_texts()
+    assert f"Pan height mm\t{lifting.quality.height_max * 1e3:.1f}\t100\t" in "\n".join(figures)
+    assert any(row.startswith("Pan speed") for row in figures)
+    assert "height" in page.inner_text("#stage-legend")
+    level = open_report(plan, [], "#t=0.2")
+    words = level.inner_text("#plots") + level.inner_text("#figures") + level.inner_text("#stage-legend")
+    assert "height" not in words
+    assert "Pan speed" not in words
 
 
 @pytest.mark.parametrize("case", ["one sample", "never moves", "no friction", "no limits", "hostile", "a minute"])

@@ -228,6 +228,46 @@ def test_following_catches_up_as_fast_as_the_jerk_allows_and_then_is_exact() -> 
     assert asked[0, 0, 0] == 10.0
 
 
+def test_a_level_pan_is_governed_in_its_plane_alone() -> None:
+    rng = np.random.default_rng(9)
+    for speed in (math.inf, 0.4):
+        limits = Limits(0.06, speed=speed, acceleration=20.0, jerk=4_000.0)
+        pans = [Pan.at_start(Start(), limits)] * 2
+        for _ in range(8):
+            asked = rng.standard_normal((1, CHUNK, 3)) * 30.0
+            flat = asked * [1.0, 1.0, 0.0]
+            u, states, pans = govern(pans, np.concatenate([asked, flat]))
+            np.testing.assert_array_equal(u[0], u[1])
+            for z in (u[..., 2], states[..., 2], states[..., 5], pans[0].brake.accelerations(50)[:, 2]):
+                assert not z.any()
+                assert not np.signbit(z).any()
+
+
+def test_a_pan_that_is_asked_to_drop_keeps_a_fifth_of_the_weight() -> None:
+    limits = Limits(height=0.1, acceleration=30.0, jerk=10_000.0)
+    u, states, (after,) = govern([Pan.at_start(Start(), limits)], np.tile([0.0, 0.0, -30.0], (1, CHUNK, 1)))
+    assert u[0, :, 2].min() >= -0.8 * GRAVITY
+    assert u[0, :, 2].min() == pytest.approx(-0.8 * GRAVITY)
+    assert states[0, :, 2].min() >= -0.1
+    assert after.can_stop
+
+
+def test_a_pan_uses_what_its_speed_and_height_allow() -> None:
+    limits = Limits(1.0, height=0.1, speed=0.8, acceleration=20.0, jerk=10_000.0)
+    pans, along, up = (
+        [Pan.at_start(Start(), limits)] * 2,
+        np.tile([20.0, 0.0, 0.0], (CHUNK, 1)),
+        np.tile([0.0, 0.0, 20.0], (CHUNK, 1)),
+    )
+    fastest = highest = 0.0
+    for _ in range(5):
+        _, states, pans = govern(pans, np.stack([along, up]))
+        fastest = max(fastest, states[0, :, 3].max())
+        highest = max(highest, states[1, :, 2].max())
+    assert 0.75 < fastest <= 0.8 + TOLERANCE
+    assert 0.09 < highest <= 0.1 + TOLERANCE
+
+
 def test_without_limits_nothing_is_changed() -> None:
     wild = np.full((1, CHUNK, 3), 1e6)
     pan = Pan.at_start(Start(), NO_LIMITS)

@@ -15,8 +15,9 @@ from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.motion import lengths
 from runtime.physics.pan import integrate_pan
 from runtime.physics.positions import slide_to_rest
+from runtime.safety.pan import Pan
 from runtime.safety.rest import KEPT, kindest_stop
-from runtime.safety.stop import SHORT_RAMP, PanState, find_brake, stop_extent
+from runtime.safety.stop import SHORT_RAMP, Extent, PanState, find_brake, stop_extent
 
 Array = NDArray[np.float64]
 
@@ -86,6 +87,48 @@ def test_turned_and_refined_plans_end_at_rest_too(planner: Planner, options: dic
     for samples in (130, 200, 333):
         position = np.cumsum(rng.normal(0.0, 1e-4, (samples, 2)), axis=0)
         check_at_rest(planner.plan(position, limits=limits, **options), limits)
+
+
+def test_a_pan_that_lifts_comes_to_rest_within_all_of_its_limits() -> None:
+    rng = np.random.default_rng(12)
+    stopped = 0
+    while stopped < PLANS:
+        static = rng.uniform(0.05, 1.5)
+        friction = Friction(static, static * rng.uniform(0.2, 1.0))
+        limits = Limits(
+            rng.uniform(0.02, 0.4),
+            height=rng.uniform(0.005, 0.2),
+            speed=rng.uniform(0.3, 3.0),
+            acceleration=10.0 ** rng.uniform(0.5, 1.6),
+            jerk=10.0 ** rng.uniform(2.7, 4.3),
+        )
+        direction = rng.normal(0.0, 1.0, (3, 3))
+        direction /= lengths(direction)[:, None]
+        size = rng.uniform(0.0, 0.8, 3) * (limits.height, limits.speed, limits.acceleration)
+        state = PanState(*(direction * size[:, None]).ravel().tolist())
+        pan = Pan.at(state, limits)
+        if not pan.can_stop or state.uz < -LARGEST_SINK:
+            continue
+        sliding = np.array([0.02, 0.0, *rng.normal(0.0, 0.2, 2)])
+        brake = kindest_stop(state, sliding, np.zeros(2), limits, friction)
+        assert brake is not None  # the strongest is within the limits
+        u = brake.accelerations(brake.samples)
+        pan_states = integrate_pan(np.array(state[:6]), u)
+        assert np.abs(pan_states[-1, 3:]).max() <= TOLERANCE
+        assert not u[-1].any()
+        assert lengths(u).max() <= limits.acceleration + TOLERANCE
+        assert lengths(np.diff(np.concatenate([[state[6:]], u]), axis=0)).max() <= limits.jerk * DT + TOLERANCE
+        assert u[:, 2].min() >= -LARGEST_SINK - TOLERANCE
+        assert Extent(
+            lengths(pan_states[:, :2]).max() - TOLERANCE,
+            np.abs(pan_states[:, 2]).max() - TOLERANCE,
+            lengths(pan_states[:, 3:]).max() - TOLERANCE,
+        ).within(limits)
+        # And it throws the object no farther than the strongest does, if at all.
+        strongest = pan.brake.accelerations(pan.brake.samples)
+        left, most = (np.hypot(*slide_to_rest(sliding, each, friction)) for each in (u, strongest))
+        assert left <= max(most, 0.02) + KEPT
+        stopped += 1
 
 
 def test_batches_end_as_lone_plans_do(planner: Planner) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +72,27 @@ def test_options_are_those_of_the_runtime(server: Any, planner: Planner, make_cu
         better = client.plan(position, refine_ms=50.0)
         assert better.quality.tracking_rmse <= planner.plan(position).quality.tracking_rmse
         assert client.info()["model"]["sha256"] == planner.bundle.sha256
+
+
+def test_limits_have_a_height_a_speed_and_names(server: Any, make_request: Callable[..., Any]) -> None:
+    for asked, limits in (
+        ({"height": 0.05, "speed": 1.2}, Limits(height=0.05, speed=1.2)),
+        ({"name": "panda"}, Limits.named("panda")),
+        ({"name": "fr3", "height": 0.0, "jerk": 4000.0}, replace(Limits.named("fr3"), height=0.0, jerk=4000.0)),
+        ({"name": "panda", "speed": None}, replace(Limits.named("panda"), speed=math.inf)),
+    ):
+        plan = server.post(
+            "/plan", json=make_request() | {"limits": asked, "friction": {"static": 0.5, "kinetic": 0.3}}
+        )
+        assert plan.json()["quality"]["limits"] == limits.to_dict()
+        assert not np.any(np.array(plan.json()["pan"]["position"])[:, 2])  # the shipped network plans for level pans
+    with Client(server.url) as client:
+        for limits in (Limits(), Limits.named("panda")):
+            quality = client.plan([[0.0, 0.0]] * 300, Friction(0.5, 0.3), limits=limits).quality
+            assert quality.limits == limits.to_dict()
+    refused = server.post("/plan", json=make_request() | {"limits": {"name": "pandas"}})
+    assert refused.status_code == 422
+    assert refused.json()["place"] == "limits.name"
 
 
 def test_server_timing_tells_where_the_time_went(server: Any, make_request: Callable[..., Any]) -> None:

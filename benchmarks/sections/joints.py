@@ -1,0 +1,157 @@
+"""Arms that people own: how many commands their joints follow, slowed down how much, and tracked how well."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from benchmarks.harness.section import Measured, Section, Subject, at_least
+from benchmarks.harness.tables import targets_table
+from benchmarks.harness.targets import COUNT, MILLIMETRES, MILLISECONDS, TIMES, Target, Verdict
+from benchmarks.suite.families import spline
+from runtime.arms.fit import CANDIDATES, TOLERANCE, Fitted, fit
+from runtime.arms.load import load_arm
+from runtime.arms.model import ArmModel
+from runtime.arms.motion import follow_plan
+from runtime.arms.place import find_place
+from runtime.command import Command
+from runtime.documents.options import option
+from runtime.errors import InputError
+from runtime.friction import Friction
+from runtime.limits import Limits
+from runtime.physics.law import DT
+from runtime.plan import Plan
+from runtime.planner import Planner
+
+STRONG, WEAK = ("ur5e", "ur10e", "xarm6"), ("fr3", "panda", "iiwa14")
+"""Arms whose joints break an object away at the first of the frictions below, and those that need the second."""
+
+PLAIN, SLIPPERY = Friction(0.3, 0.25), Friction(0.15, 0.1)
+
+EIGHT = Path(__file__).parents[2] / "examples" / "figure_eight.csv"
+"""The README's command."""
+
+DURATION = 1.2
+"""Time for which that of the inverse kinematics is told (s)."""
+
+
+@dataclass(frozen=True)
+class JointsSettings:
+    """What is planned: a figure eight and the first commands of `spline`.
+
+    Attributes:
+        splines: how many of these.
+        arms: for which arms.
+    """
+
+    splines: int = option("Commands of `spline` to plan for each arm, up to 64.", 12, "N")
+    arms: tuple[str, ...] = (*STRONG, *WEAK)
+
+    def __post_init__(self) -> None:
+        at_least(1, splines=self.splines)
+        if self.splines > len(spline()):
+            raise InputError(f"--splines must be at most {len(spline())}, got {self.splines}")
+
+
+@dataclass(frozen=True)
+class OnArm:
+    """The commands on one arm.
+
+    Attributes:
+        missed: how many of them its joints do not hold, or are not tracked within TOLERANCE.
+        stretch: most that one of them is slowed down.
+        tracking: mean tracking RMSE (m).
+        solving: median time of the inverse kinematics of a plan of 1.2 s (s).
+        position_error: farthest that the joints hold the pan off its path (m).
+    """
+
+    missed: int
+    stretch: float
+    tracking: float
+    solving: float
+    position_error: float
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Everything this section measures, by the arm's name."""
+
+    arms: dict[str, OnArm] = field(default_factory=dict)
+
+
+def _targets(name: str, most: float) -> tuple[Target, ...]:
+    return (
+        Target(f"arms.{name}.missed", f"{name}: commands whose joints do not hold", COUNT, "<=", 0.0),
+        Target(f"arms.{name}.stretch", "  slowed down, at most", TIMES, "<=", most),
+        Target(f"arms.{name}.tracking", "  tracking RMSE, mean", MILLIMETRES, "<=", TOLERANCE),
+        Target(f"arms.{name}.solving", "  inverse kinematics of 1.2 s", MILLISECONDS, "<=", 0.3),
+        Target(f"arms.{name}.position_error", "  pan off its path, at most", MILLIMETRES, "<=", 1e-4),
+    )
+
+
+TARGETS = (
+    *(target for name in STRONG for target in _targets(name, 2.0)),
+    *(target for name in WEAK for target in _targets(name, 4.0)),
+)
+
+
+def measure_joints(subject: Subject, settings: JointsSettings) -> Measured:
+    """Plan the commands for each arm.
+
+    Raises:
+        MissingExtraError: mujoco is not installed.
+    """
+    commands = [
+        Command.load(EIGHT),
+        *(Command.from_samples(position) for position in spline().positions[: settings.splines]),
+    ]
+    planner = Planner()
+    return Measured(Joints({name: _on_arm(name, planner, commands) for name in settings.arms}))
+
+
+def _on_arm(name: str, planner: Planner, commands: Sequence[Command]) -> OnArm:
+    model, friction = ArmModel(load_arm(name)), PLAIN if name in STRONG else SLIPPERY
+    place = find_place(model)
+
+    def make(command: Command, limits: Limits) -> Plan:
+        return planner.plan(command, friction=friction, limits=limits, candidates=CANDIDATES)
+
+    fitted = [fit(make, command, model, place, Limits(), stretch=True) for command in commands]
+    solving = []
+    for each in fitted:
+        begin = time.perf_counter()
+        follow_plan(model, place, each.plan)
+        solving.append((time.perf_counter() - begin) * DURATION / (len(each.joints) * DT))
+    errors = [each.plan.quality.tracking_rmse for each in fitted]
+    return OnArm(
+        sum(not _good(each) for each in fitted),
+        max(each.stretch for each in fitted),
+        float(np.mean(errors)),
+        float(np.median(solving)),
+        max(each.joints.position_error for each in fitted),
+    )
+
+
+def _good(fitted: Fitted) -> bool:
+    return fitted.holds and fitted.plan.quality.tracking_rmse <= TOLERANCE
+
+
+def joints_tables(joints: Joints, verdicts: Sequence[Verdict]) -> list[Table]:
+    """Return the figures, beside their targets."""
+    return targets_table("Arms that people own", verdicts, {})
+
+
+SECTION = Section(
+    "joints",
+    "commands that the joints of arms follow, slowed down how much",
+    JointsSettings(),
+    measure_joints,
+    TARGETS,
+    joints_tables,
+    usual=False,
+)
