@@ -14,11 +14,15 @@ from benchmarks.harness.section import Measured, Section, Subject, at_least
 from benchmarks.harness.tables import targets_table
 from benchmarks.harness.targets import COUNT, MILLIMETRES, MILLISECONDS, TIMES, Target, Verdict
 from benchmarks.suite.families import spline
+from runtime.arm.results import Results
+from runtime.arm.run import closed_loop, execute
+from runtime.arm.simulated import Simulated, Simulator
+from runtime.arm.simulation import SimulatedArm
 from runtime.arms.fit import CANDIDATES, TOLERANCE, Fitted, fit
 from runtime.arms.load import load_arm
 from runtime.arms.model import ArmModel
 from runtime.arms.motion import follow_plan
-from runtime.arms.place import find_place
+from runtime.arms.place import Place, find_place
 from runtime.command import Command
 from runtime.documents.options import option
 from runtime.errors import InputError
@@ -47,13 +51,15 @@ class JointsSettings:
     Attributes:
         splines: how many of these.
         arms: for which arms.
+        executed: how many of the plans for each arm are executed in MuJoCo, in closed loop.
     """
 
     splines: int = option("Commands of `spline` to plan for each arm, up to 64.", 12, "N")
     arms: tuple[str, ...] = (*STRONG, *WEAK)
+    executed: int = 64
 
     def __post_init__(self) -> None:
-        at_least(1, splines=self.splines)
+        at_least(1, splines=self.splines, executed=self.executed)
         if self.splines > len(spline()):
             raise InputError(f"--splines must be at most {len(spline())}, got {self.splines}")
 
@@ -68,6 +74,9 @@ class OnArm:
         tracking: mean tracking RMSE (m).
         solving: median time of the inverse kinematics of a plan of 1.2 s (s).
         position_error: farthest that the joints hold the pan off its path (m).
+        executed: mean distance between object and command in MuJoCo, root mean square over a run (m).
+        lost: how many objects fell off the pan there or toppled.
+        touched: in how many runs a limit of the joints acted.
     """
 
     missed: int
@@ -75,6 +84,9 @@ class OnArm:
     tracking: float
     solving: float
     position_error: float
+    executed: float
+    lost: int
+    touched: int
 
 
 @dataclass(frozen=True)
@@ -91,6 +103,9 @@ def _targets(name: str, most: float) -> tuple[Target, ...]:
         Target(f"arms.{name}.tracking", "  tracking RMSE, mean", MILLIMETRES, "<=", TOLERANCE),
         Target(f"arms.{name}.solving", "  inverse kinematics of 1.2 s", MILLISECONDS, "<=", 0.3),
         Target(f"arms.{name}.position_error", "  pan off its path, at most", MILLIMETRES, "<=", 1e-4),
+        Target(f"arms.{name}.executed", "  object to command in MuJoCo, mean", MILLIMETRES, "<=", TOLERANCE),
+        Target(f"arms.{name}.lost", "  objects lost there", COUNT, "<=", 0.0),
+        Target(f"arms.{name}.touched", "  runs in which a limit acted", COUNT, "<=", 0.0),
     )
 
 
@@ -111,10 +126,10 @@ def measure_joints(subject: Subject, settings: JointsSettings) -> Measured:
         *(Command.from_samples(position) for position in spline().positions[: settings.splines]),
     ]
     planner = Planner()
-    return Measured(Joints({name: _on_arm(name, planner, commands) for name in settings.arms}))
+    return Measured(Joints({name: _on_arm(name, planner, commands, settings.executed) for name in settings.arms}))
 
 
-def _on_arm(name: str, planner: Planner, commands: Sequence[Command]) -> OnArm:
+def _on_arm(name: str, planner: Planner, commands: Sequence[Command], executed: int) -> OnArm:
     model, friction = ArmModel(load_arm(name)), PLAIN if name in STRONG else SLIPPERY
     place = find_place(model)
 
@@ -127,6 +142,7 @@ def _on_arm(name: str, planner: Planner, commands: Sequence[Command]) -> OnArm:
         begin = time.perf_counter()
         follow_plan(model, place, each.plan)
         solving.append((time.perf_counter() - begin) * DURATION / (len(each.joints) * DT))
+    runs = [_execute(each.plan, planner, model, place) for each in fitted[:executed]]
     errors = [each.plan.quality.tracking_rmse for each in fitted]
     return OnArm(
         sum(not _good(each) for each in fitted),
@@ -134,7 +150,20 @@ def _on_arm(name: str, planner: Planner, commands: Sequence[Command]) -> OnArm:
         float(np.mean(errors)),
         float(np.median(solving)),
         max(each.joints.position_error for each in fitted),
+        float(np.mean([run.object_rms for run in runs])),
+        sum(run.lost is not None for run in runs),
+        sum(bool(run.limits) for run in runs),
     )
+
+
+def _execute(plan: Plan, planner: Planner, model: ArmModel, place: Place) -> Results:
+    """Execute a plan in closed loop, under the kinetic friction it was made for, which is static friction there too."""
+    settings = Simulated(simulator=Simulator.MUJOCO, friction=plan.friction.kinetic)
+    limits = Limits.from_dict(plan.quality.limits)
+    stream = planner.stream(plan.command_position, plan.friction, limits=limits, sizes=plan.sizes)
+    arm = SimulatedArm(settings, model.arm, place.home)
+    recording = execute(plan, arm, closed_loop(stream, stream.chunk, len(plan)))
+    return Results.of(plan, recording, settings.friction)
 
 
 def _good(fitted: Fitted) -> bool:

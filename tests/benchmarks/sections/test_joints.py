@@ -11,11 +11,13 @@ from runtime.errors import InputError
 
 def test_commands_are_planned_for_an_arm_and_followed_by_its_joints() -> None:
     pytest.importorskip("mujoco")
-    measured = measure_joints(Subject.load(), JointsSettings(splines=1, arms=("ur5e",)))
+    measured = measure_joints(Subject.load(), JointsSettings(splines=1, arms=("ur5e",), executed=1))
     arm = measured.figures.arms["ur5e"]
     assert (arm.missed, arm.stretch) == (0, 1.0)
     assert 0.0 < arm.tracking < 3e-3
     assert arm.position_error < 1e-7
+    assert (arm.lost, arm.touched) == (0, 0)
+    assert 0.0 < arm.executed < 5e-3
 
 
 def test_more_commands_than_there_are_are_refused() -> None:
