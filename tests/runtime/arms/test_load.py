@@ -225,3 +225,15 @@ def test_a_frame_keeps_its_attitude_through_matrix_and_quaternion(rpy: tuple[flo
     w, x, y, z = frame.quaternion
     assert math.isclose(w * w + x * x + y * y + z * z, 1.0)
     np.testing.assert_allclose(frame.rotation[2, 1] - frame.rotation[1, 2], 4.0 * w * x, atol=1e-12)
+
+
+def test_the_description_in_the_guide_has_every_key(tmp_path: Path) -> None:
+    guide = (Path(__file__).parents[3] / "docs/guide/arms.md").read_text(encoding="utf-8")
+    text = guide.partition("```toml\n")[2].partition("```")[0]
+    joint = text[text.index("[[joint]]") :]
+    for key in ("axis", "sliding", "lower", "upper", *LIMITS, "mass", "centre", "inertia", "radius"):
+        assert f"{key} =" in joint
+    path = tmp_path / "my_arm.toml"
+    path.write_text(text + "".join(joint.replace('"shoulder"', f'"joint{index}"') for index in range(2, 7)))
+    arm = load_arm(path)
+    assert (len(arm), arm.title, arm.hand.jerk, arm.joints[5].torque) == (6, "My arm", 6500.0, 90.0)
