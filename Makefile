@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm serve test nightly check notebooks docs bench bench-server soak clean
+.PHONY: help run demo-arm serve test test-short nightly check notebooks docs bench bench-server soak clean
 
 help: ## list the verbs
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,6 +27,9 @@ serve: $(VENV)/server.stamp ## serve plans and the page on http://127.0.0.1:8000
 
 test: $(VENV)/dev.stamp ## run every test
 	$(BIN)/python -m pytest
+
+test-short: $(VENV)/short.stamp ## run the tests of planning, programs and arms, in an environment without training and server
+	$(BIN)/python -m pytest tests/runtime/arm tests/runtime/arms tests/runtime/cli tests/runtime/test_recorded.py
 
 nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind, 10,000 stops, and what streams are told
 	SLIDE_SEQUENCES=100000 SLIDE_PLANS=10000 $(BIN)/python -m pytest tests/runtime/safety --durations 5 --timeout 14400
@@ -70,6 +73,10 @@ $(VENV)/arm.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	then echo mujoco > $@; \
 	else $(PIP) --editable '.[pybullet]' && echo pybullet > $@; fi
 	@touch $(VENV)/base.stamp
+
+$(VENV)/short.stamp: $(VENV)/arm.stamp
+	$(PIP) pytest pytest-timeout hypothesis onnx
+	@touch $@
 
 $(VENV)/server.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) --editable '.[server]'

@@ -168,7 +168,7 @@ def test_an_arm_of_seven_joints_moves_as_the_plan_says_in_its_own_axes(settings:
     results = Results.of(slow, recording, FRICTION)
     assert (results.notes, len(results.torque_peaks)) == ([], 7)
     assert results.pan_rms < 1e-4
-    assert recording.pan[: len(slow), :2] == pytest.approx(slow.pan_position, abs=3e-4)
+    assert recording.pan[: len(slow), :3] == pytest.approx(slow.pan_position, abs=3e-4)
     assert abs(arm.engine.home.rotation[1, 0]) > 0.05, "its pan's axes are turned from the world's"
 
 
@@ -240,7 +240,7 @@ def test_an_unreachable_plan_is_executed_within_the_limits_and_said(settings: Si
     )
     results = run_plan(away, settings)
     assert max(results.torque_peaks) <= 200.0
-    assert max(results.speed_peaks) < 100.0
+    assert max(results.speed_peaks) < 200.0, "stretched out, joints 4 and 6 are in line and may spin against each other"
     assert results.limits["reach"] > 100
     assert len(results.notes) == 2, "object and limits"
 
