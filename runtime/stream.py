@@ -69,6 +69,9 @@ NOISES = (1e-5, 0.1)
 LONGEST_DELAY = 0.1
 """Longest time from a command to its execution (s): a chunk of the paper's network."""
 
+NOTICED_DELAY = 2
+"""Samples by which an arm must be later than was thought for the command to be read anew."""
+
 SAME_SPEED = 0.05
 """Difference (m/s) between a measured pan and what was commanded, up to which it is taken for noise: the stop brings to
 rest what was commanded, so that nothing drifts."""
@@ -227,6 +230,7 @@ class Stream:
             raise InputError(f"noise must be between {NOISES[0]:g} and {NOISES[1]:g} m, got {noise:g} m", "noise")
         self._lock = threading.Lock()
         self._command = job.command
+        self._advance = round((self._command_delay or 0.0) / DT)
         self._followed = self._ahead = self._in_advance(job.command)
         self._reader = self._read(self._ahead)
         self.chunk = self._reader.chunk
@@ -375,6 +379,7 @@ class Stream:
             missing = (sight.end - min(sight.arrived)) // self.chunk
             if missing > MAX_MISSING:
                 return self._stop(last.after, last.room)
+            self._learn_delay()
             before, room = self._locate(last.after, sight.pan[-1])
             status = self._judged(room, missing)
             pan, sliding = sight.pan[-self.chunk :], sight.sliding[-self.chunk :]
@@ -474,8 +479,20 @@ class Stream:
 
     def _in_advance(self, command: Command) -> Command:
         """Return a command as it must be told to an arm that executes late."""
-        late = round((self._command_delay or 0.0) / DT)
+        late = self._advance
         return replace(command, position=command.position[late:]) if 0 < late < len(command) - 1 else command
+
+    def _learn_delay(self) -> None:
+        """Read the command farther in advance if the encoders say that the arm is later than was thought."""
+        late = self._late
+        if self._command_delay is not None or abs(late - self._advance) < NOTICED_DELAY or self._over:
+            return
+        following = self._followed is self._ahead
+        self._advance = late
+        self._ahead = self._in_advance(self._command)
+        if following:
+            self._followed = self._ahead
+            self._reader = self._read(self._ahead, self._reader.now)
 
     def _read(self, command: Command, now: int = 0) -> Reader:
         return read(self._bundle, [self._job._replace(command=command)], now)

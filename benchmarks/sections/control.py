@@ -1,4 +1,4 @@
-"""What a controller that embeds the planner has to count on: deadlines, the governor's price, start and memory."""
+"""What a controller that embeds the planner has to count on: deadlines, the governor's price, start, memory, sight."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from rich.table import Table
 
 from benchmarks.harness.section import Measured, Section, Subject
 from benchmarks.harness.tables import span, targets_table
-from benchmarks.harness.targets import MEGABYTES, MILLISECONDS, PERCENT, SECONDS, Target, Verdict
+from benchmarks.harness.targets import COUNT, MEGABYTES, MILLIMETRES, MILLISECONDS, PERCENT, SECONDS, Target, Verdict
 from benchmarks.harness.timing import Spread, environment_with_runtime, interleave
 from benchmarks.suite.families import SAMPLES, spline
+from benchmarks.suite.sight import Sight, measure_sight
 from runtime.errors import SlideError
 from runtime.limits import NO_LIMITS
 from runtime.physics.law import slide_one
@@ -43,11 +44,15 @@ class ControlSettings:
         steps: of streams; 10,000 are enough for the 99.9th percentile to be that of ten of them.
         share_rounds: plans with and without the governor; both take the suite's spline commands in turn.
         start_rounds: processes that plan once.
+        sight_commands: commands of the family spline that are followed by each kind of eyes.
+        false_readings: streams with one false reading each.
     """
 
     steps: int = 10_000
     share_rounds: int = 128
     start_rounds: int = 5
+    sight_commands: int = 20
+    false_readings: int = 200
 
 
 @dataclass(frozen=True)
@@ -59,12 +64,22 @@ class Control:
         governor_share: share of the planning time that the governor takes, median over rounds.
         first_plan: time from process start to the first plan and exit (s).
         memory: largest resident set of that process (bytes).
+        sight: how well streams follow by what cameras and encoders tell.
     """
 
     step: Spread
     governor_share: float
     first_plan: Spread
     memory: float
+    sight: Sight
+
+
+def followed(name: str, what: str, mean: float, worst: float | None = None) -> tuple[Target, ...]:
+    """Return the targets of a way of seeing: its mean and its worst error (m)."""
+    return (
+        Target(f"sight.{name}.mean", f"{what}, mean", MILLIMETRES, "<=", mean),
+        Target(f"sight.{name}.worst", f"{what}, worst", MILLIMETRES, "" if worst is None else "<=", worst),
+    )
 
 
 TARGETS = (
@@ -74,6 +89,24 @@ TARGETS = (
     Target("governor_share", "governor's share of planning", PERCENT, "<=", 0.15),
     Target("first_plan.median", "process start to first plan", SECONDS, "<=", 0.5),
     Target("memory", "memory of it", MEGABYTES, "<=", 110e6),
+    *followed("states", "told states at 1 kHz", 1.35e-3, 2.6e-3),
+    *followed("camera_60", "60 Hz, 20 ms old", 1.35e-3, 2.6e-3),
+    *followed("camera_30", "30 Hz, 50 ms old", 1.4e-3, 2.8e-3),
+    *followed("camera_30_noise", "the same, 1 mm noise, 10 % lost", 1.7e-3, 3.2e-3),
+    *followed("delay_5", "arm 5 ms late", 1.5e-3),
+    *followed("delay_10", "arm 10 ms late", 1.7e-3),
+    *followed("delay_20", "arm 20 ms late", 2.2e-3),
+    *followed("delay_found", "arm 20 ms late, not told", 2.2e-3),
+    Target("sight.delay_20.pan_reach", "pan reach, 20 ms late", MILLIMETRES, "<=", 0.2),
+    Target("sight.slippery.later", "0.4/0.4 for 1.0/0.5, from 0.6 s on", MILLIMETRES, "<=", 1.7e-3),
+    Target("sight.sticky.later", "0.7/0.5 for 1.0/0.5, from 0.6 s on", MILLIMETRES, "<=", 1.7e-3),
+    Target("sight.pushed.states", "push corrected, 1 kHz", MILLISECONDS, "<=", 0.13),
+    Target("sight.pushed.camera_30", "push corrected, 30 Hz", MILLISECONDS, "<=", 0.22),
+    Target("sight.found.kinetic_median", "kinetic friction found, median error", PERCENT, "<=", 0.01),
+    Target("sight.found.kinetic_worst", "kinetic friction found, worst error", PERCENT, "<=", 0.04),
+    Target("sight.found.static_share", "static friction in its interval", PERCENT, ">=", 0.95),
+    Target("sight.outside", "one false reading, pan outside", COUNT, "<=", 0),
+    Target("sight.p99", "frame, encoders and step, 99 %", MILLISECONDS, "<=", 0.5e-3),
 )
 
 
@@ -86,7 +119,8 @@ def measure_control(subject: Subject, settings: ControlSettings) -> Measured:
     planner = subject.planner
     first_plan, memory = _first_plan(subject.folder, settings.start_rounds)
     steps, share = _step_times(planner, settings.steps), _governor_share(planner, settings.share_rounds)
-    return Measured(Control(steps, share, first_plan, memory))
+    sight = measure_sight(planner, settings.sight_commands, settings.false_readings)
+    return Measured(Control(steps, share, first_plan, memory, sight))
 
 
 def _step_times(planner: Planner, count: int) -> Spread:
@@ -150,7 +184,7 @@ def control_tables(control: Control, verdicts: Sequence[Verdict]) -> list[Table]
 
 SECTION = Section(
     "control",
-    "a controller's figures: stream steps, the governor's share, start and memory",
+    "a controller's figures: stream steps, the governor's share, start, memory, sight",
     ControlSettings(),
     measure_control,
     TARGETS,

@@ -32,7 +32,7 @@ SHORT: dict[str, dict[str, Any]] = {
         "large_rounds": 1,
         "large_units": 16,
     },
-    "control": {"steps": 30, "share_rounds": 2, "start_rounds": 1},
+    "control": {"steps": 30, "share_rounds": 2, "start_rounds": 1, "sight_commands": 1, "false_readings": 1},
     "refine": {"commands": 1, "off_budget": 20.0, "candidates": 8, "iterations": 1},
     "long": {
         "seconds": 3.6,
