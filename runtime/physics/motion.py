@@ -48,5 +48,7 @@ def in_space(vectors: FloatArray) -> FloatArray:
 
 def lengths(vectors: FloatArray) -> FloatArray:
     """Return the Euclidean lengths (...) of (..., 2) or (..., 3) vectors."""
-    plane = np.hypot(vectors[..., 0], vectors[..., 1])
-    return plane if vectors.shape[-1] == 2 else np.hypot(plane, vectors[..., 2])
+    plane: FloatArray = np.hypot(vectors[..., 0], vectors[..., 1])
+    if vectors.shape[-1] == 2 or not vectors[..., 2].any():  # a level pan's, most of all
+        return plane
+    return np.hypot(plane, vectors[..., 2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -86,13 +87,16 @@ def kindest_stop(
     return best
 
 
-def _strengths(state: PanState, limits: Limits, friction: Friction) -> list[float]:
-    """Return braking accelerations (m/s^2) from the gentlest to the strongest."""
+def _strengths(state: PanState, limits: Limits, friction: Friction) -> Iterator[float]:
+    """Yield braking accelerations (m/s^2) from the gentlest to the strongest; the first is often enough."""
     most = strongest(state, limits)
     least = min(most, math.hypot(*state[3:6]) / LONGEST_STOP)
     holding, carrying = (gentle_strength(coefficient, limits) for coefficient in (friction.kinetic, friction.static))
+    gentlest = min(max(holding, least), most)
+    if gentlest > 0.0:
+        yield gentlest
     first = min(max(carrying, least), most)
     last = min(most, first * MOST_STRONGER)
     more = np.geomspace(first, last, 1 + math.ceil(math.log(last / first) / math.log(STRONGER))).tolist()
-    found = {min(max(strength, least), most) for strength in (holding, *more, most)}
-    return sorted(strength for strength in found if strength > 0.0)
+    stronger = {min(max(strength, least), most) for strength in (*more, most)} - {gentlest}
+    yield from sorted(strength for strength in stronger if strength > 0.0)
