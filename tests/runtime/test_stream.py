@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from runtime import ConcurrentUseError, Friction, InputError, Limits, Planner, Start, Stream, StreamStatus
 from runtime.limits import NO_LIMITS
-from runtime.physics.law import DT, slide_one
+from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.motion import lengths
 from runtime.physics.pan import IN_PLANE, integrate_pan
 
@@ -217,6 +217,38 @@ def test_limits_hold_whatever_is_measured(
         assert lengths(np.diff(np.concatenate([before, u]), axis=0)).max() <= LIMITS.jerk * DT + TOLERANCE
         before = u[-1:]
         plant.move(u)
+
+
+@pytest.mark.parametrize("name", ["panda", "fr3"])
+def test_a_pan_that_lifts_keeps_its_limits_whatever_is_measured(
+    general_planner: Planner, make_curve: Curve, name: str
+) -> None:
+    rng, limits, position = np.random.default_rng(3), Limits.named(name), make_curve(900)
+    highest = 0.0
+    for _ in range(6):
+        stream = general_planner.stream(position, Friction(0.4, 0.3), limits=limits)
+        chunk = stream.chunk
+        pan, sliding, last = np.zeros((chunk, 6)), np.tile([*position[0], 0.0, 0.0], (chunk, 1)), np.zeros((1, 3))
+        for _ in range(14):
+            noise = rng.standard_normal((2, 6)) * [0.002, 0.002, 0.002, 0.02, 0.02, 0.02]
+            seen = [(pan + noise[0], sliding), (pan[-1], sliding[-1]), (None, sliding), (pan, None)][
+                rng.choice(4, p=[0.6, 0.3, 0.05, 0.05])
+            ]
+            u = stream.step(*seen)
+            stop = stream.brake(int(rng.integers(0, chunk + 1)))
+            assert lengths(u).max() <= limits.acceleration + TOLERANCE
+            assert lengths(np.diff(np.concatenate([last, u]), axis=0)).max() <= limits.jerk * DT + TOLERANCE
+            assert min(u[:, 2].min(), stop[:, 2].min()) >= -0.8 * GRAVITY - TOLERANCE
+            assert not stop[-1].any()
+            pan, sliding, last = integrate_pan(pan[-1], u), slide_one(sliding[-1], u, Friction(0.4, 0.3)), u[-1:]
+            # Noise of 2 mm and 20 mm/s, three times over, is what the pan can be farther or faster by than it was seen.
+            assert lengths(pan[:, :2]).max() <= limits.pan_reach + 0.03
+            assert np.abs(pan[:, 2]).max() <= limits.height + 0.03
+            assert lengths(pan[:, 3:]).max() <= limits.speed + 0.2
+            highest = max(highest, np.abs(pan[:, 2]).max())
+    assert highest > 1e-3
+    with pytest.raises(InputError, match=r"pan_state must be \(\d+, 6\) numbers"):
+        stream.step(pan[:, IN_PLANE], sliding)
 
 
 def test_brake_is_a_stop_from_any_sample(stream: Stream, plant: Plant) -> None:
