@@ -353,12 +353,6 @@ def _effort(milliseconds: float | None, iterations: int | None, robust: float, l
         raise InputError("give refine_ms or refine_iterations, not both")
     if not limits.finite:
         raise InputError("a plan is refined within limits, and there are none", "limits")
-    if not limits.level:
-        raise InputError(
-            f"only plans for a level pan are refined, and this one lifts by {limits.height:g} m: give a height of 0, "
-            "or no refinement",
-            "limits",
-        )
     name, value = ("refine_ms", milliseconds) if iterations is None else ("refine_iterations", iterations)
     amount = number(value, name)
     if not 0.0 <= amount <= MOST_EFFORT[name]:

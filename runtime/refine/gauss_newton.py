@@ -53,8 +53,8 @@ def row_size(state: int) -> int:
 
 
 def move(
-    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any, within: Any, gains: Column,
-    planned: Column, share: float, states: Column, out: Column,
+    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any, room: Column, before: Any,
+    gains: Column, planned: Column, share: float, states: Column, out: Column,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Move pan and objects along accelerations changed by `gains`, within the limits on acceleration and jerk.
 
@@ -66,7 +66,9 @@ def move(
         weights: (n,) how much each counts; their sum is 1.
         law: soft reach (m), and of the stop after the last sample, its braking acceleration (m/s^2) and `stopping`'s
             time for the ramps (s).
-        within: largest acceleration and change of it from sample to sample, acceleration of the sample before (m/s^2).
+        room: (3K,) of each sample: what presses the objects on the pan, over g, which is 1 for a level pan; the largest
+            acceleration in the plane, and the largest change of it from the sample before (m/s^2).
+        before: acceleration of the sample before the first (m/s^2).
         gains: from `sweep`, a row for each block; zeros leave `u` as it is.
         planned: (size K,) the states that the gains were found along.
         share: of the change that is made (0 to 1).
@@ -78,7 +80,7 @@ def move(
         penalties; the largest distance of the pan (m).
     """
     reach, braking, ramps = law
-    bound, change, last_x, last_y = within
+    last_x, last_y = before
     size, objects = len(state), len(friction) // 2
     row_length = row_size(size)
     squared = penalty = farthest = add_x = add_y = 0.0
@@ -98,15 +100,18 @@ def move(
                 deviation = state[j] - planned[first + j]
                 add_x += gains[row + 2 + j] * deviation
                 add_y += gains[row + 2 + size + j] * deviation
-        last_x, last_y = follow_one(last_x, last_y, u[2 * k] + add_x, u[2 * k + 1] + add_y, bound, change)
+        last_x, last_y = follow_one(
+            last_x, last_y, u[2 * k] + add_x, u[2 * k + 1] + add_y, room[3 * k + 1], room[3 * k + 2]
+        )
+        press = room[3 * k]
         out[2 * k], out[2 * k + 1] = last_x, last_y
         for n in range(objects):
             p = PAN + OBJECT * n
             error = (state[p] - command[2 * k]) ** 2 + (state[p + 1] - command[2 * k + 1]) ** 2
             squared += weights[n] * error
             state[p], state[p + 1], state[p + 2], state[p + 3] = slide_step(
-                state[p], state[p + 1], state[p + 2], state[p + 3], last_x, last_y, friction[2 * n],
-                friction[2 * n + 1], DT,
+                state[p], state[p + 1], state[p + 2], state[p + 3], last_x, last_y, friction[2 * n] * press,
+                friction[2 * n + 1] * press, DT,
             )  # fmt: skip
         state[0], state[2] = pan_step(x, vx, last_x, DT)
         state[1], state[3] = pan_step(y, vy, last_y, DT)
@@ -136,7 +141,7 @@ def stopping(vx: float, vy: float, braking: float, ramps: float) -> float:
 
 
 def sweep(
-    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any,
+    u: Column, command: Column, state: Column, friction: Column, weights: Column, law: Any, room: Column,
     states: Column, damping: float, gains: Column, s: Column, g: Column,
 ) -> None:  # fmt: skip
     """Fill `gains` with the change of each block that brings the quadratic model down to its least, and its answers.
@@ -146,7 +151,7 @@ def sweep(
     law.
 
     Args:
-        u, command, state, friction, weights, law, states: as `move` left them; `state` is the one at the end.
+        u, command, state, friction, weights, law, room, states: as `move` left them; `state` is the one at the end.
         damping: weight of the squared change (m^2 per (m/s^2)^2): the smaller, the longer the step.
         gains: (a row for each block,) filled.
         s, g: ((size + 2)^2,) and (size + 2,), for S and g.
@@ -163,14 +168,14 @@ def sweep(
     half = 0.5 * DT
     for k in range(len(u) // 2 - 1, -1, -1):
         first = size * k
-        before = 2 * max(k - 1, 0)
+        before, press = 2 * max(k - 1, 0), room[3 * k]
         # p+ = p + (v + v+) dt/2 and v+ = F v + H u, for each object and, with F = 1 and H = dt, for the pan.
         for n in range(objects):
             p = PAN + OBJECT * n
             v = p + 2
             fxx, fxy, fyy, hxx, hxy, hyy = linearize(
                 states[first + v], states[first + v + 1], u[2 * k], u[2 * k + 1], u[before], u[before + 1],
-                friction[2 * n], friction[2 * n + 1], DT,
+                friction[2 * n] * press, friction[2 * n + 1] * press, DT,
             )  # fmt: skip
             substitute(s, g, order, p, v, half)
             substitute(s, g, order, p + 1, v + 1, half)

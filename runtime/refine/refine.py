@@ -5,6 +5,9 @@ accelerations (`runtime.refine.gauss_newton`), damped until they pay. A step see
 gain from being a little different; where none pays, single strokes are kicked, at random but the same each time, while
 all that follows answers as the last step found best, and what tracks better is kept.
 
+A pan that lifts is refined in its plane: its height stays as planned, and what presses the object on it changes from
+sample to sample.
+
 Each try keeps the limits on acceleration and jerk, and a penalty keeps the pan in reach; of what is found, the best
 that also keeps its reach, and from whose end a stop in reach leads on, is what counts. The governor goes over it in the
 end, so that a refined plan keeps its limits by the same proof as any other.
@@ -25,11 +28,11 @@ from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.physics.compiled import compile_together, compiler
 from runtime.physics.law import DT, GRAVITY, slide, slide_one
-from runtime.physics.motion import Motion, in_space
+from runtime.physics.motion import Motion, lengths
 from runtime.physics.pan import IN_PLANE, integrate_pan
 from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, Column, move, row_size, state_size, sweep
 from runtime.safety.governor import govern
-from runtime.safety.pan import Pan
+from runtime.safety.pan import Pan, state_after
 from runtime.safety.stop import PanState, find_brake, gentle_strength, stop_extent, strongest
 
 SOFT_REACH = 0.97
@@ -48,6 +51,10 @@ EASE, STIFFEN = 0.4, 6.0
 """What the damping is multiplied by after a whole step that paid, and after one of which no share did."""
 
 LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e-4
+
+ROUNDING = 1e-12
+"""Share of what is left to the plane that is not used: a length that is put together again may be larger by its last
+bit, and the governor would look at each chunk."""
 
 SHARES = (1.0, 0.4, 0.16)
 """Of a step, tried one after the other until one pays."""
@@ -92,7 +99,7 @@ def kernels() -> Kernels:
     found = Kernels(functions["move"], functions["sweep"], lambda values: np.array(values, dtype=np.float64).ravel())
     nothing = np.zeros((1, 2))
     descent = Descent(
-        found, nothing, nothing, np.zeros(4), np.zeros(4), [Friction()], (1.0, 1.0, 0.0), (1.0, 1.0, 0.0, 0.0)
+        found, nothing, nothing, np.zeros(4), np.zeros(4), [Friction()], (1.0, 1.0, 0.0), np.ones((1, 3)), (0.0, 0.0)
     )
     descent.go_on()  # compiles, so that no plan waits for it
     return found
@@ -123,7 +130,7 @@ class Descent:
         command: (n, 2) where the object should be before each sample (m).
         pan, sliding: (4,) pan and object at the start.
         frictions: under each of which the object is to follow; the first is the one planned for.
-        law, within: as `runtime.refine.gauss_newton.move` takes them.
+        law, room, before: as `runtime.refine.gauss_newton.move` takes them, `room` (n, 3).
 
     Attributes:
         squared: sum of the squared distances to the command (m^2), on the weighted mean over the frictions.
@@ -139,11 +146,12 @@ class Descent:
         sliding: FloatArray,
         frictions: Sequence[Friction],
         law: tuple[float, ...],
-        within: tuple[float, ...],
+        room: FloatArray,
+        before: tuple[float, ...],
     ) -> None:
         column = loops.column
         self._start = np.concatenate([pan, np.tile(sliding, len(frictions))])
-        self._loops, self._law, self._within = loops, law, within
+        self._loops, self._law, self._room, self._before = loops, law, column(room), before
         self._friction = column(GRAVITY * np.array([(each.static, each.kinetic) for each in frictions]))
         state = state_size(len(frictions))
         self._weights = column(weights(len(frictions)))
@@ -166,6 +174,10 @@ class Descent:
         """Return the pan after the last sample."""
         return _in_plane([float(value) for value in self._end[:4]], [float(value) for value in self._u[-2:]])
 
+    def velocity(self) -> FloatArray:
+        """Return the pan's velocity in the plane before each sample, (n, 2) (m/s)."""
+        return np.array(self._states).reshape(len(self._u) // 2, -1)[:, 2:4]
+
     def go_on(self) -> bool:
         """Take a step, or try a kick where none paid; returns whether the cost is less than before."""
         if self._kicks:
@@ -186,7 +198,7 @@ class Descent:
 
     def _sweep(self, damping: float) -> None:
         self._loops.sweep(
-            self._u, self._command, self._end, self._friction, self._weights, self._law,
+            self._u, self._command, self._end, self._friction, self._weights, self._law, self._room,
             self._states, damping, self._gains, *self._model,
         )  # fmt: skip
 
@@ -209,8 +221,8 @@ class Descent:
         """Move along a share of the gains, and stay there if that is better."""
         end = self._loops.column(self._start)
         squared, cost, farthest = self._loops.move(
-            self._u, self._command, end, self._friction, self._weights, self._law, self._within, self._gains,
-            self._states, share, self._other_states, self._other,
+            self._u, self._command, end, self._friction, self._weights, self._law, self._room, self._before,
+            self._gains, self._states, share, self._other_states, self._other,
         )  # fmt: skip
         if not cost < self._cost:
             return False
@@ -233,7 +245,7 @@ def refine(
     """Descend the tracking error of planned accelerations.
 
     Args:
-        u: (n, 3) planned (m/s^2) of a level pan, within the limits; the last may lead out of the command.
+        u: (n, 3) planned (m/s^2), within the limits; the last may lead out of the command. What goes up is kept.
         pan: at the start, with its limits, which are finite.
         sliding: (4,) object position (m) and velocity (m/s) at the start.
         command: (n, 2) where the object should be before each sample (m).
@@ -246,7 +258,7 @@ def refine(
         The best motion found and the pan at its end, None if it tracks no better than `u`.
     """
     frictions = expected(friction, effort.robust)
-    found = in_space(_descend(u[:, :2], pan, sliding, command, frictions, effort, loops or kernels()))
+    found = _descend(u, pan, sliding, command, frictions, effort, loops or kernels())
     kept, ahead = _governed(found, pan, sliding, friction, len(found))  # a stop from its end alone was seen to
     if not np.array_equal(kept.acceleration, found):
         kept, ahead = _governed(found, pan, sliding, friction, chunk)
@@ -267,18 +279,38 @@ def _descend(
     until = time.perf_counter() + effort.seconds
     limits = pan.limits
     ramps = RAMPS * min(limits.acceleration / limits.jerk, math.sqrt(BRAKED_FROM / limits.jerk))
-    within = limits.acceleration, limits.jerk * DT, *pan.state[6:8]
-    start = np.array(pan.state)[IN_PLANE]
-    braking = _braking(_in_plane(integrate_pan(start, u)[-1].tolist(), u[-1].tolist()), limits, frictions[0])
+    start, states = np.array(pan.state), integrate_pan(np.array(pan.state[:6]), u)
+    braking = _braking(state_after(states, u), limits, frictions[0])
     law = SOFT_REACH * limits.pan_reach, braking, ramps
-    descent = Descent(loops, u, command, start, sliding, frictions, law, within)
+    room = _room(u[:, 2], pan)
+    descent = Descent(loops, u[:, :2], command, start[IN_PLANE], sliding, frictions, law, room, pan.state[6:8])
     best, least, count = u, descent.squared, 0
+    upwards = np.concatenate([start[5:6], states[:-1, 5]])
+
+    def kept() -> bool:
+        """Whether the speed is, and a stop leads on; the height is as planned."""
+        if math.isfinite(limits.speed) and np.hypot(lengths(descent.velocity()), upwards).max() > limits.speed:
+            return False
+        z, vz, uz = states[-1, 2], states[-1, 5], u[-1, 2]
+        return _can_stop(descent.end()._replace(z=float(z), vz=float(vz), uz=float(uz)), limits, braking)
+
     while time.perf_counter() < until if effort.iterations is None else count < effort.iterations:
         count += 1
         better = descent.go_on() and descent.squared < least and descent.farthest <= limits.pan_reach
-        if better and _can_stop(descent.end(), limits, braking):
-            best, least = descent.acceleration(), descent.squared
+        if better and kept():
+            best, least = np.concatenate([descent.acceleration(), u[:, 2:]], axis=1), descent.squared
     return best
+
+
+def _room(lift: FloatArray, pan: Pan) -> FloatArray:
+    """Return what accelerations upwards (n,) (m/s^2) leave to those in the plane; see `gauss_newton.move`."""
+    limits = pan.limits
+    bound, change = limits.acceleration, limits.jerk * DT
+    if limits.level:
+        return np.tile([1.0, bound, change], (len(lift), 1))
+    rise = np.diff(lift, prepend=pan.state.uz)
+    left = [np.sqrt(np.maximum(whole * whole - part * part, 0.0)) for whole, part in ((bound, lift), (change, rise))]
+    return np.stack([1.0 + lift / GRAVITY, *(each * (1.0 - ROUNDING) for each in left)], axis=1)
 
 
 def _in_plane(pan: Sequence[float], u: Sequence[float]) -> PanState:

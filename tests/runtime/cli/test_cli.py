@@ -136,10 +136,6 @@ def test_limits_have_names_a_height_and_a_speed(slide: Slide, tmp_path: Path) ->
         (["--level", "--height", "0.1"], "--level and --height 0.1 contradict each other"),
         (["--height", "-0.1"], "limit height must be at least 0 m, which is a level pan, got -0.1 m"),
         (["--speed-limit", "nan"], "limit speed must be greater than 0 m/s, got nan m/s"),
-        (
-            ["--height", "0.1", "--refine-ms", "5"],
-            "only plans for a level pan are refined, and this one lifts by 0.1 m",
-        ),
     ):
         code, _, err = slide("slide-plan", EXAMPLE, "-o", tmp_path / "none.json", *options)
         assert code == 2

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import Command, Friction, InputError, Limits, Plan, Planner, Start
 from runtime.limits import NO_LIMITS
-from runtime.physics.law import DT, slide_step
+from runtime.physics.law import DT, GRAVITY, slide_step
 from runtime.physics.linearized import linearize
 from runtime.physics.motion import tracking_error
 from runtime.refine.gauss_newton import BLOCK, REACH_WEIGHT, row_size, state_size
@@ -37,6 +37,30 @@ def test_refined_plan_is_better_keeps_its_limits_and_obeys_the_law(
     assert plan.quality.tracking_rmse < 0.97 * plain.quality.tracking_rmse
     assert min(value for value in plan.quality.margins.values() if value is not None) > -1e-9
     np.testing.assert_array_equal(plan.replay()[:, :2], plan.object_position)
+
+
+@pytest.mark.parametrize("robust", [0.0, 0.1])
+def test_a_pan_that_lifts_is_refined_in_its_plane_within_all_of_its_limits(
+    general_planner: Planner, make_curve: Curve, robust: float
+) -> None:
+    friction, gained = Friction(0.4, 0.3), 0
+    for seed, limits in enumerate((Limits.named("panda"), Limits.named("fr3"), Limits(height=0.05, speed=0.6))):
+        position = make_curve(SAMPLES, seed)
+        before = general_planner.plan(position, friction, limits=limits)
+        plan = general_planner.plan(
+            position, friction, limits=limits, candidates=1, refine_iterations=25, robust=robust
+        )
+        assert before.quality.height_max > 1e-3
+        if not robust:
+            assert plan.quality.tracking_rmse <= before.quality.tracking_rmse
+        gained += plan.quality.tracking_rmse < 0.97 * before.quality.tracking_rmse
+        assert min(value for value in plan.quality.margins.values() if value is not None) > -1e-9
+        u = np.concatenate([plan.pan_acceleration, plan.stop_acceleration])
+        assert u[:, 2].min() >= -0.8 * GRAVITY - 1e-9
+        np.testing.assert_array_equal(plan.replay()[:, :2], plan.object_position)
+        if plan.quality.governed is not None and not plan.quality.governed.samples:
+            np.testing.assert_allclose(plan.pan_acceleration[:, 2], before.pan_acceleration[:, 2], atol=1e-9)
+    assert gained
 
 
 def test_a_number_of_steps_gives_the_same_plan_each_time(planner: Planner, make_curve: Curve) -> None:
@@ -78,8 +102,9 @@ def test_plain_and_compiled_loops_agree(plain: Plan) -> None:
     np.testing.assert_allclose(refined(PLAIN), compiled, atol=1e-6)
 
 
+@pytest.mark.parametrize("press", [1.0, 0.4])
 @pytest.mark.parametrize("robust", [0.0, 0.1])
-def test_damped_step_is_along_the_gradient_of_the_cost(robust: float) -> None:
+def test_damped_step_is_along_the_gradient_of_the_cost(robust: float, press: float) -> None:
     """With all the damping in the world a block's change is minus the gradient over the damping."""
     rng = np.random.default_rng(3)
     samples, damping = 8 * BLOCK, 1e9
@@ -92,15 +117,15 @@ def test_damped_step_is_along_the_gradient_of_the_cost(robust: float) -> None:
     sliding = [0.0, 0.0, -0.5, -0.3]  # sliding throughout, and the pan beyond the soft reach
     start = np.array([0.1, 0.05, 0.2, 0.1, *(sliding * objects)])
     friction = column(9.8 * np.array([(each.static, each.kinetic) for each in frictions]))
-    law, within = (0.1, 1e9, 0.0045), (1e9, 1e9, 0.0, 0.0)
+    law, room = (0.1, 1e9, 0.0045), column(np.tile([press, 1e9, 1e9], (samples, 1)))
     gains, states = column(np.zeros((samples // BLOCK, row))), column(np.zeros((samples, state)))
     each = column(weights(objects))
 
     def cost(u: Array) -> tuple[float, list[float]]:
         end = column(start)
         squared, penalized, _ = move(
-            column(u), column(command), end, friction, each, law, within, no_gains, column(np.zeros((samples, state))),
-            0.0, states, column(u),
+            column(u), column(command), end, friction, each, law, room, (0.0, 0.0), no_gains,
+            column(np.zeros((samples, state))), 0.0, states, column(u),
         )  # fmt: skip
         assert penalized > squared
         return penalized, end
@@ -109,7 +134,7 @@ def test_damped_step_is_along_the_gradient_of_the_cost(robust: float) -> None:
     _, end = cost(u)
     model = column(np.zeros((state + 2, state + 2))), column(np.zeros(state + 2))
     sweep(
-        column(u), column(command), end, friction, each, law, list(states), damping, gains, *model
+        column(u), column(command), end, friction, each, law, room, list(states), damping, gains, *model
     )  # fmt: skip
     for block in (0, 3, 7):
         for axis in (0, 1):
