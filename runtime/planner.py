@@ -39,7 +39,7 @@ from runtime.stream import OBJECT_NOISE, REST_TOLERANCE, Stream
 DEFAULT_BUNDLE = SHIPPED / "default"
 """The bundle that plans where none is named."""
 
-GENERAL_BUNDLE: Path | None = None
+GENERAL_BUNDLE: Path | None = SHIPPED / "general"
 """The bundle that plans under limits that DEFAULT_BUNDLE was not made for, where none is named; None: that one does."""
 
 REFINED_FROM = 8

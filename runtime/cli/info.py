@@ -13,7 +13,7 @@ from runtime.cli.console import AsJson, print_json, print_table, run
 from runtime.limits import UNITS, Limits
 from runtime.network.bundle import Bundle
 from runtime.network.manifest import BUNDLE_FORMAT, TRAINED_ON, Manifest, OnePan
-from runtime.planner import DEFAULT_BUNDLE
+from runtime.planner import DEFAULT_BUNDLE, GENERAL_BUNDLE
 
 
 def info_main() -> None:
@@ -22,7 +22,9 @@ def info_main() -> None:
 
 
 def slide_info(
-    bundle: Annotated[Path | None, typer.Argument(help="Bundle folder, or a shipped one: default, fp32.")] = None,
+    bundle: Annotated[
+        Path | None, typer.Argument(help="Bundle folder, or a shipped one: default, general, fp32.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what a bundle is: its network, what it was trained for and how it did."""
@@ -44,6 +46,8 @@ def slide_info(
     for name, unit in TRAINED_ON[manifest.kind].items():
         low, high = manifest.trained_on[name]
         rows.append((f"trained on {name.replace('_', ' ')}", f"{low:g} to {high:g} {unit}".rstrip()))
+    if bundle is None and GENERAL_BUNDLE is not None:
+        rows.append(("plans under other limits", f"{GENERAL_BUNDLE.name}: slide-info {GENERAL_BUNDLE.name}"))
     rows += [(f"{name} size", f"{size / 1e6:.2f} MB") for name, size in loaded.sizes.items()]
     rows.append(("sha256", loaded.sha256))
     rows += [(name.replace("_", " "), _brief(value) + _unit(name)) for name, value in manifest.evaluation.items()]

@@ -271,7 +271,10 @@ def loop(size: float) -> Array:
 def test_shipped_network_is_called_what_it_is(shipped: Planner) -> None:
     ordinary = loop(0.03)
     assert shipped.plan(ordinary).quality.status is Status.OK
-    assert shipped.plan(ordinary, limits=Limits(acceleration=13.0, jerk=6_500.0)).quality.status is Status.POOR
+    weak = shipped.plan(ordinary, limits=Limits(acceleration=13.0, jerk=6_500.0))
+    assert (weak.model_name, weak.quality.status) == ("general", Status.OK)
+    alone = Planner("default").plan(ordinary, limits=Limits(acceleration=13.0, jerk=6_500.0))
+    assert (alone.model_name, alone.quality.status) == ("default", Status.POOR)
     assert shipped.plan(ordinary, limits=Limits(acceleration=9.0)).quality.status is Status.CANNOT_SLIDE
     assert shipped.plan(ordinary + WORLD).quality.status is Status.OFF_PAN
     assert shipped.plan(ordinary, sizes=Sizes(0.08, 0.03)).quality.status is Status.OFF_PAN
