@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm serve test test-short nightly check notebooks docs bench bench-server soak clean
+.PHONY: help run demo-arm serve test test-short nightly check notebooks docs site bench bench-server soak clean
 
 help: ## list the verbs
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,6 +46,13 @@ notebooks: $(VENV)/dev.stamp ## run the notebooks of examples/notebooks, and wri
 
 docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+site: docs browser/node_modules ## the documentation and, in out/site/plan, the page that plans by itself, for any static host
+	cd browser && node build.mjs
+
+browser/node_modules: browser/package.json browser/package-lock.json
+	npm ci --prefix browser --no-audit --no-fund
+	@touch $@
 
 bench: $(VENV)/dev.stamp ## accuracy, speed, control, refinement, long commands and training, beside their targets
 	$(BIN)/slide-bench

@@ -1,4 +1,4 @@
-/** The server's two doors that this page uses, and what their errors mean to a person. */
+/** Who plans for this page: the server behind it, or, where there is none, the page itself; and what goes wrong. */
 
 const PATIENCE = 30_000;  // ms until an answer that does not come is given up
 
@@ -75,6 +75,23 @@ export async function requestInfo() {
     return response.ok ? await response.json() : null;
   } catch {
     return null;
+  }
+}
+
+/**
+ * The planner that came with the page, where no server is behind it; null if none did.
+ *
+ * @param report is told how far it is loaded, in words to be shown
+ * @returns {info, plan}: what a server's `info` has, and what plans positions at 1 kHz under a friction
+ * @throws Refusal
+ */
+export async function localPlanner(report) {
+  const module = document.querySelector("meta[name=planner]")?.content;
+  if (!module) return null;
+  try {
+    return await (await import(new URL(module, document.baseURI))).start(report);
+  } catch (error) {
+    throw new Refusal(error.message);
   }
 }
 

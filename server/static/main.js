@@ -1,6 +1,6 @@
-/** The page: a path is drawn or taken, planned by the server, and played. */
+/** The page: a path is drawn or taken, planned by the server or by the page itself, and played. */
 
-import { curlOf, requestInfo, requestPlan } from "./api.js";
+import { curlOf, localPlanner, requestInfo, requestPlan } from "./api.js";
 import { copyCurl, saveFile } from "./download.js";
 import { EXAMPLES } from "./examples.js";
 import { DT, commandAlong, commandDocument } from "./path.js";
@@ -20,6 +20,7 @@ const viewer = new Viewer({ beside: [redraw], idle: showDraft });
 const draft = { drawn: EXAMPLES[1].points, down: false, pen: null, command: null };
 let planned = null;  // {body, text, motion}, or null before the first plan
 let planning = false;
+let local = null;  // a promise of the page's own planner; of null where a server is behind it
 
 const pen = listenToPen(viewer.stage, () => !viewer.plays, (points, { down, pen: at }) => {
   Object.assign(draft, { drawn: points, down, pen: at });
@@ -120,8 +121,10 @@ async function plan(event) {
   say("");
   update();
   try {
-    const answer = await requestPlan(body, $("token").value);
-    planned = { body, text: answer.text, motion: motionOf(answer.plan) };
+    const { positions } = draft.command, { friction } = JSON.parse(body);
+    const own = await local;
+    const answer = own ? await own.plan(positions, friction) : await requestPlan(body, $("token").value);
+    planned = { body, text: answer.text, motion: motionOf(answer.plan), own: own !== null };
     planned.told = `Planned ${number(planned.motion.end, 2)} s of motion in ${number(answer.took, 0)} ms.`;
   } catch (error) {
     if (error.status === 401) $("token-row").hidden = false;
@@ -138,24 +141,32 @@ function showPlan(motion) {
   $("how").hidden = true;
   for (const id of ["quality", "plots"]) $(id).hidden = false;
   $("curl").textContent = curlOf(planned.body, $("token").value !== "");
+  for (const part of [$("copy"), $("curl").parentElement]) part.hidden = planned.own;
   turnTo(motion);
   update();
   $("stage-card").scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
   viewer.begin();
 }
 
-/** Whatever differs from what the page takes for granted: the model's name, and what it was trained on. */
-async function askServer() {
+/** Find out who plans: the page's own planner where no server answers, null where one does. */
+async function findPlanner() {
   const info = await requestInfo();
-  const known = info?.model?.trained_on;
+  const own = info ? null : await localPlanner(say);
+  takeFrom((info ?? own?.info)?.model);
+  return own;
+}
+
+/** Whatever differs from what the page takes for granted: the model's name, and what it was trained on. */
+function takeFrom(model) {
+  const known = model?.trained_on;
   if (!known) return;
   trainedOn.reach = known.reach?.[1] ?? REACH;
   trainedOn.duration = known.samples ? known.samples[1] * DT : LONG;
-  const { sizes } = info.model;
+  const { sizes } = model;
   if (sizes) Object.assign(RADIUS, { pan: sizes.pan_radius, object: sizes.object_radius });
   for (const id of ["static", "kinetic", "speed"]) if (known[id]) $(id).max = known[id][1];
   for (const id of ["static", "kinetic"]) if (known[id]) $(id).min = known[id][0];
-  $("footer").textContent = `Model ${info.model.name}, sha256 ${info.model.sha256}.`;
+  $("footer").textContent = `Model ${model.name}, sha256 ${model.sha256}.`;
   update();
 }
 
@@ -189,7 +200,8 @@ function start() {
   listen();
   markExample(EXAMPLES[1].name);
   update();
-  askServer();
+  local = findPlanner();
+  local.catch((error) => say(error.message));
   document.body.dataset.ready = "true";
 }
 start();

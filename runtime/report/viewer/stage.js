@@ -303,8 +303,8 @@ export class Stage {
   }
 
   /**
-   * The pan's acceleration in the plane as an arrow in a dial, whose ring is mu (g + w), w being that upwards: an object
-   * at rest breaks away beyond it.
+   * The pan's acceleration in the plane as an arrow in a dial, whose ring is mu (g + w), w being that upwards: an
+   * object at rest breaks away beyond it.
    */
   #dial([ux, uy], w) {
     const { quality, breakaway: level, static: mu } = this.motion, breakaway = level + mu * w;
