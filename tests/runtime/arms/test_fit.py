@@ -178,3 +178,10 @@ def test_options_of_an_arm_need_one(option: list[str], slide_plan: SlidePlan, tm
     code, shown, said = slide_plan(EIGHT, "-o", tmp_path / "plan.json", *option)
     assert (code, shown, said) == (2, "", f"slide-plan: error: {option[0]} needs --arm\n")
     assert not list(tmp_path.iterdir())
+
+
+def test_python_of_the_guide_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(EIGHT.parents[1])
+    guide = Path("docs/guide/arms.md").read_text(encoding="utf-8")
+    exec(guide.partition("```python\n")[2].partition("```")[0], {})
+    assert capsys.readouterr().out.startswith("1.0 True ")
