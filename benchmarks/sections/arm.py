@@ -21,7 +21,7 @@ from runtime.arm.controller import FULL_CONTROL, PAPER_CONTROL
 from runtime.arm.results import Results
 from runtime.arm.run import closed_loop, execute, open_loop
 from runtime.arm.simulated import Simulated, Simulator
-from runtime.arm.simulation import SimulatedArm
+from runtime.arm.simulation import SETTLING, SimulatedArm
 from runtime.documents.options import option
 from runtime.errors import InputError
 from runtime.friction import Friction
@@ -86,7 +86,7 @@ class PanTracking:
         max_worst: largest distance of all (m).
         attitude_worst: largest deviation of the pan's attitude (rad).
         law_median, law_worst: distance between the object and the law of friction, root mean square over a run (m).
-        real_time_factor: simulated time over the time it took, median.
+        real_time_factor: simulated time over the processor time it took, median.
     """
 
     rms_worst: float
@@ -283,7 +283,12 @@ def apart(plans: Sequence[Plan]) -> float:
 
 def pan_tracking(motions: Sequence[Plan], simulator: Simulator) -> PanTracking:
     """Run test motions: the pan beside its command, the object beside the law of friction."""
-    results = [run_plan(plan, Simulated(simulator=simulator)) for plan in motions]
+    results, factors = [], []
+    for plan in motions:
+        begin = time.process_time()  # what other programs take does not count
+        recording = execute(plan, SimulatedArm(Simulated(simulator=simulator)), open_loop(plan))
+        factors.append((len(recording) * DT + SETTLING) / (time.process_time() - begin))
+        results.append(Results.of(plan, recording, FRICTION))
     law = [result.law_rms or 0.0 for result in results]
     return PanTracking(
         rms_worst=max(_all(results, "pan_rms")),
@@ -291,7 +296,7 @@ def pan_tracking(motions: Sequence[Plan], simulator: Simulator) -> PanTracking:
         attitude_worst=max(_all(results, "tilt_max")),
         law_median=float(np.median(law)),
         law_worst=max(law),
-        real_time_factor=float(np.median(_all(results, "real_time_factor"))),
+        real_time_factor=float(np.median(factors)),
     )
 
 

@@ -20,7 +20,7 @@ WIDTH, HEIGHT = 1280, 720
 AZIMUTH, ELEVATION = 138.0, -28.0
 """Direction in which the camera looks (degrees)."""
 
-DISTANCE = 1.25
+DISTANCE = 1.05
 """Distance of the camera over the diagonal of the box around arm and pan, into whose middle it looks."""
 
 COMMAND_COLOUR = (0.20, 0.62, 1.0, 1.0)
@@ -28,7 +28,7 @@ TARGET_COLOUR = (0.15, 0.85, 0.35, 1.0)
 PATH_PIECES = 160
 """Straight pieces a command's path is drawn with."""
 
-LINE_RADIUS = 0.0014
+LINE_RADIUS = 0.002
 """Radius of the line on the pan (m)."""
 
 TARGET_RADIUS = 0.006
