@@ -17,7 +17,7 @@ from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 from runtime.errors import InputError
-from server.http import plans, stream
+from server.http import commands, plans, stream
 from server.http.guard import Guard
 from server.http.openapi import describe, problems
 from server.planning.process import PLANNING_COMMAND
@@ -62,6 +62,7 @@ def create_app(settings: Settings | None = None, command: Sequence[str] = PLANNI
     app.add_exception_handler(InputError, _input_error)
     app.add_exception_handler(HTTPException, _http_exception)
     app.include_router(plans.router)
+    app.include_router(commands.router)
     app.include_router(stream.router)
     _add_views(app, service)
     app.mount("/viewer", StaticFiles(packages=[("runtime.report", "viewer")]))  # what the page shares with the report
@@ -85,7 +86,7 @@ def _add_views(app: FastAPI, service: Service) -> None:
             raise Problem("not-ready", "a plan takes longer than the deadline", headers={"Retry-After": "1"})
         return {"status": "ready"}
 
-    @app.get("/info", response_class=Response, responses=problems(401, 503))
+    @app.get("/info", response_class=Response, responses=problems(401, 421, 503))
     async def info() -> Response:
         """Say what the server plans with and what it was told."""
         bundle = service.planner.bundle
@@ -95,7 +96,7 @@ def _add_views(app: FastAPI, service: Service) -> None:
         document = {"version": app.version, "model": model, "settings": service.settings.shown()}
         return Response(orjson.dumps(document), media_type="application/json")
 
-    @app.get("/metrics", response_class=Response, responses=problems(401))
+    @app.get("/metrics", response_class=Response, responses=problems(401, 421))
     async def metrics() -> Response:
         """Give what is counted, in Prometheus form."""
         return Response(service.metrics.text(), media_type=CONTENT_TYPE_LATEST)

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from runtime.documents.checks import FloatArray
 
@@ -24,10 +24,15 @@ class Answer(NamedTuple):
 
 
 class Connection:
-    """One HTTP connection to this machine's `port`, opened when it is first used and again after it was closed."""
+    """One HTTP connection to this machine's `port`, opened when it is first used and again after it was closed.
 
-    def __init__(self, port: int) -> None:
-        self._port = port
+    Args:
+        port: of the server.
+        address: of this machine, that it is opened from: a client of its own to the server.
+    """
+
+    def __init__(self, port: int, address: str = "127.0.0.1") -> None:
+        self._port, self._address = port, address
         self._ends: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
 
     async def ask(self, request: bytes) -> Answer:
@@ -46,7 +51,8 @@ class Connection:
 
     async def _ask(self, request: bytes, begin: float) -> Answer:
         if self._ends is None:
-            self._ends = await asyncio.open_connection("127.0.0.1", self._port, limit=1 << 20)
+            here = self._address, 0
+            self._ends = await asyncio.open_connection("127.0.0.1", self._port, limit=1 << 20, local_addr=here)
         reader, writer = self._ends
         try:
             writer.write(request)
@@ -107,10 +113,14 @@ def get(path: str) -> bytes:
     return f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode()
 
 
-def post_plan(position: FloatArray) -> bytes:
+def post_plan(position: FloatArray, **options: Any) -> bytes:
     """Return the bytes of a request for a plan."""
-    body = json.dumps({"command": {"dt": 0.001, "position": position.tolist()}}).encode()
-    head = f"POST /plan HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {len(body)}"
+    return post("/plan", json.dumps({"command": {"dt": 0.001, "position": position.tolist()}, **options}).encode())
+
+
+def post(path: str, body: bytes) -> bytes:
+    """Return the bytes of a POST request of JSON."""
+    head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {len(body)}"
     return head.encode() + b"\r\n\r\n" + body
 
 

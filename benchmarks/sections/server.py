@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.load import Answer, Connection, LoneConnection, at_rate, get, in_turn, post_plan, probe
+from benchmarks.harness.load import Answer, Connection, LoneConnection, at_rate, get, in_turn, post, post_plan, probe
 from benchmarks.harness.section import NAME, Measured, Section, Subject, at_least
 from benchmarks.harness.tables import targets_table
 from benchmarks.harness.targets import COUNT, MILLISECONDS, SECONDS, TIMES, Target, Unit, Verdict
@@ -49,6 +49,9 @@ RECOVERY = 10.0
 PATIENCE = 120.0
 """Longest wait for the server to be ready (s)."""
 
+BUSY = (429, 503)
+"""Statuses that tell a client to come back later."""
+
 MIB = 1 << 20
 
 
@@ -66,6 +69,7 @@ class ServerSettings:
         nonces: requests whose command is looked for in the answer.
         flood_seconds, soak_flood_seconds: length of the flood, without and with `soak`.
         steps: of a stream.
+        attack_seconds: length of each attack.
     """
 
     soak: bool = option("Flood the server for 60 s, then go on at half load.", False)
@@ -78,6 +82,7 @@ class ServerSettings:
     flood_seconds: float = 20.0
     soak_flood_seconds: float = 60.0
     steps: int = 500
+    attack_seconds: float = 10.0
 
     def __post_init__(self) -> None:
         at_least(1, minutes=self.minutes)
@@ -125,8 +130,8 @@ class Flooded:
 
     Attributes:
         rate: requests a second.
-        planned, refused: answered with 200, and with 503.
-        other: answered with neither 200 nor 503 with Retry-After.
+        planned, refused: answered with 200, and with 429 or 503.
+        other: answered otherwise, or without Retry-After.
         unanswered: without an answer.
         unsent: not sent because all connections waited.
         longest: longest time of an answer (s).
@@ -143,6 +148,21 @@ class Flooded:
     longest: float
     ready_p99: float
     recovery: float
+
+
+@dataclass(frozen=True)
+class Attacked:
+    """One client asks for as much as it can, from several connections; another, for small plans and for the health.
+
+    Attributes:
+        refused: small plans that were refused.
+        plan_p99: time of a small plan, 99th percentile (s).
+        live_p99: time of `GET /health/live`, 99th percentile (s).
+    """
+
+    refused: int
+    plan_p99: float
+    live_p99: float
 
 
 @dataclass(frozen=True)
@@ -176,6 +196,10 @@ class Server:
         wrong: plans that have another command.
         flood: a flood of requests.
         stream_json_p99, stream_packed_p99: round trip of a step of `WS /stream`, 99th percentile (s).
+        refining: beside a client that refines by 200 ms over 10 connections.
+        long_commands: beside one that sends 64 commands of 19.9 s at a time over 2.
+        many_knots: beside one that sends 150,000 positions over 4.
+        memory: largest resident memory of all processes so far (bytes).
         soak: a long time at half load.
     """
 
@@ -187,6 +211,10 @@ class Server:
     flood: Flooded | None = None
     stream_json_p99: float | None = None
     stream_packed_p99: float | None = None
+    refining: Attacked | None = None
+    long_commands: Attacked | None = None
+    many_knots: Attacked | None = None
+    memory: float | None = None
     soak: Soaked | None = None
 
 
@@ -208,8 +236,8 @@ TARGETS = (
     Target("wrong", "answers to another request", COUNT, "<=", 0),
     Target("flood.rate", "flood at 3 x the peak", Unit("requests/s", show="{:.0f}")),
     Target("flood.planned", "flood: planned", COUNT),
-    Target("flood.refused", "flood: refused with 503", COUNT),
-    Target("flood.other", "flood: neither 200 nor 503 with Retry-After", COUNT, "<=", 0),
+    Target("flood.refused", "flood: refused with 429 or 503", COUNT),
+    Target("flood.other", "flood: neither 200 nor these with Retry-After", COUNT, "<=", 0),
     Target("flood.unanswered", "flood: without an answer", COUNT, "<=", 0),
     Target("flood.unsent", "flood: not sent, all connections waited", COUNT),
     Target("flood.longest", "flood: longest answer", SECONDS, "<=", 1.0),
@@ -217,6 +245,20 @@ TARGETS = (
     Target("flood.recovery", "time until latency is back to normal", SECONDS, "<=", 5.0),
     Target("stream_json_p99", "WS /stream round trip, JSON, 99 %", MILLISECONDS, "<=", 5e-3),
     Target("stream_packed_p99", "WS /stream round trip, packed, 99 %", MILLISECONDS, "<=", 5e-3),
+    *(
+        Target(f"{name}.{figure}", f"{words}: {what}", unit, "<=", limit)
+        for name, words in (
+            ("refining", "10 x refine"),
+            ("long_commands", "64 x 19.9 s"),
+            ("many_knots", "150,000 positions"),
+        )
+        for figure, what, unit, limit in (
+            ("refused", "others refused", COUNT, 0),
+            ("plan_p99", "others, 99 %", MILLISECONDS, 250e-3),
+            ("live_p99", "health/live, 99 %", MILLISECONDS, 50e-3),
+        )
+    ),
+    Target("memory", "memory of all processes, at most", MEBIBYTES, "<=", 512 * MIB),
     Target("soak.minutes", "half load", Unit("min", show="{:.1f}")),
     Target("soak.slope", "memory's growth in 10 minutes", MEBIBYTES, "<", MIB),
     Target("soak.threads", "threads more at the end", COUNT, "<=", 0),
@@ -249,8 +291,8 @@ def serving(model: Path | None = None) -> Iterator[Serving]:
     )
     try:
         asyncio.run(_ready(port, process))
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        yield Serving(port, [process.pid, *map(int, children)])
+        planning = [each for each in children_of(process.pid) if "planning.worker" in _command_line(each)]
+        yield Serving(port, [process.pid, *planning])
     finally:
         process.terminate()
         process.wait(timeout=30.0)
@@ -293,6 +335,9 @@ def measure_server(subject: Subject, settings: ServerSettings) -> Measured:
         found["flood"] = asyncio.run(flood(port, requests, clients.rate, lone.p99, seconds))
         for form in ("json", "packed"):
             found[f"stream_{form}_p99"] = time_stream(port, form == "packed", settings.steps)
+        for name, (attack, connections) in attacks().items():
+            found[name] = asyncio.run(beside(port, attack, connections, settings.attack_seconds))
+        found["memory"] = float(sum(map(most_memory, children_of(processes[0]))))
         if settings.soak:
             found["soak"] = asyncio.run(soak(port, processes, requests, clients, settings))
     return Measured(Server(**found))
@@ -387,11 +432,11 @@ async def flood(port: int, requests: Sequence[bytes], peak: float, lone_p99: flo
         if answer.status == 200 and answer.duration <= 2.0 * lone_p99:
             break
     recovery = time.perf_counter() - ended
-    right = [status == 200 or (status == 503 and retry) for status, retry, _ in sent.answers]
+    right = [status == 200 or (status in BUSY and retry) for status, retry, _ in sent.answers]
     return Flooded(
         rate=3.0 * peak,
         planned=sum(status == 200 for status, *_ in sent.answers),
-        refused=sum(status == 503 for status, *_ in sent.answers),
+        refused=sum(status in BUSY for status, *_ in sent.answers),
         other=len(right) - sum(right),
         unanswered=sent.lost,
         unsent=sent.unsent,
@@ -416,6 +461,49 @@ def time_stream(port: int, packed: bool, steps: int) -> float:
             pan = integrate_pan(pan, u[:, :2])[-1]
             time.sleep(STREAM_PACE)
     return float(np.percentile(durations, 99.0))
+
+
+def attacks() -> dict[str, tuple[bytes, int]]:
+    """Return what a client may send to take much for little, and over how many connections."""
+    long = {"t": [0.0, 10.0, 19.9], "position": [[0.0, 0.0], [0.1, 0.0], [0.0, 0.0]]}
+    knots = b'{"command": {"dt": 0.0001, "position": [' + b",".join([b"[0,0]"] * 150_000) + b"]}}"
+    return {
+        "refining": (post_plan(spline().positions[0], refine_ms=200.0), 10),
+        "long_commands": (post("/plans", json.dumps({"commands": [long] * 64}).encode()), 2),
+        "many_knots": (post("/plan", knots), 4),
+    }
+
+
+async def beside(port: int, attack: bytes, connections: int, seconds: float) -> Attacked:
+    """Ask for small plans and for the health, from another address than the one that attacks."""
+    over = asyncio.Event()
+
+    async def ask_without_end() -> None:
+        while not over.is_set():
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(attack.replace(b"\r\n", b"\r\nConnection: close\r\n", 1))
+            while not over.is_set() and await reader.read(1 << 18):
+                pass
+            writer.close()
+
+    attacking = [asyncio.create_task(ask_without_end()) for _ in range(connections)]
+    probing = asyncio.create_task(probe(port, "/health/live", 0.02, over))
+    other, small, answers = Connection(port, "127.0.0.2"), post_plan(spline().positions[0][:300]), []
+    until = time.perf_counter() + seconds
+    while time.perf_counter() < until:
+        answers.append(await other.ask(small))
+        await asyncio.sleep(0.02)
+    over.set()
+    live = await probing
+    for task in attacking:
+        task.cancel()
+    await asyncio.gather(*attacking, return_exceptions=True)
+    other.close()
+    return Attacked(
+        refused=sum(answer.status != 200 for answer in answers),
+        plan_p99=float(np.percentile([answer.duration for answer in answers], 99.0)),
+        live_p99=float(np.percentile(live, 99.0)),
+    )
 
 
 async def soak(
@@ -467,6 +555,21 @@ def process_state(number: int) -> tuple[int, int, int]:
     lines = Path(f"/proc/{number}/status").read_text().splitlines()
     status = dict(line.split(":", 1) for line in lines if ":" in line)
     return int(status["VmRSS"].split()[0]) << 10, int(status["Threads"]), len(os.listdir(f"/proc/{number}/fd"))
+
+
+def children_of(number: int) -> list[int]:
+    """Return a process and those that it has started."""
+    return [number, *map(int, Path(f"/proc/{number}/task/{number}/children").read_text().split())]
+
+
+def _command_line(number: int) -> str:
+    return Path(f"/proc/{number}/cmdline").read_text()
+
+
+def most_memory(number: int) -> int:
+    """Return the largest resident memory that a process has had (bytes)."""
+    text = Path(f"/proc/{number}/status").read_text()
+    return int(text.partition("VmHWM:")[2].split()[0]) << 10
 
 
 def processor_time(number: int) -> float:

@@ -10,8 +10,8 @@ from server.problems import Problem
 from server.settings import Settings
 
 
-async def read_body(request: Request, settings: Settings) -> bytes:
-    """Read the body of a JSON request.
+async def read_body(request: Request, settings: Settings, wanted: str = "application/json") -> bytes:
+    """Read the body of a request of a media type.
 
     Raises:
         Problem: `unsupported-media-type`, `too-large`, or `too-slow`.
@@ -19,8 +19,8 @@ async def read_body(request: Request, settings: Settings) -> bytes:
     """
     media_type, _, parameters = request.headers.get("content-type", "").partition(";")
     charset = parameters.strip().lower().replace('"', "")
-    if media_type.strip().lower() != "application/json" or charset not in ("", "charset=utf-8"):
-        raise Problem("unsupported-media-type", "send application/json", headers={"Accept": "application/json"})
+    if media_type.strip().lower() != wanted or charset not in ("", "charset=utf-8"):
+        raise Problem("unsupported-media-type", f"send {wanted}", headers={"Accept": wanted})
     if request.headers.get("content-encoding", "identity").lower() != "identity":
         raise Problem("unsupported-media-type", "send the body as it is, without a content encoding")
     declared = request.headers.get("content-length", "0")

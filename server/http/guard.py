@@ -18,7 +18,7 @@ from server.service import Service
 
 log = logging.getLogger("slide-serve")
 
-PROTECTED = ("/plan", "/plans", "/stream", "/info", "/metrics")
+PROTECTED = ("/plan", "/plans", "/command", "/stream", "/info", "/metrics")
 """What needs the token, where there is one; the page, the description and the health are open."""
 
 HEALTH = ("/health/live", "/health/ready")
@@ -32,7 +32,7 @@ REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 LONGEST_PATH = 200
 """Most characters of a path in the log."""
 
-PLANNING = ("/plan", "/plans")
+PLANNING = ("/plan", "/plans", "/command")
 """What is refused when there is too much of it."""
 
 SECURITY_HEADERS = {

@@ -42,7 +42,7 @@ def _body(model: str) -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": {JSON: {"schema": {"$ref": f"#/components/schemas/{model}"}}}}}
 
 
-REFUSALS = problems(400, 401, 406, 408, 413, 415, 422, 429, 500, 503, 504)
+REFUSALS = problems(400, 401, 406, 408, 413, 415, 421, 422, 429, 500, 503, 504)
 
 
 @router.post(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import logging
 import pickle
+import resource
 import select
 import signal
 import socket
@@ -19,9 +20,14 @@ from collections.abc import Generator
 from contextlib import suppress
 from typing import Any
 
-from runtime import Command, InputError, Start
+import orjson
+
+from runtime import Command, InputError, MissingExtraError, Reading, Start
 from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT
+from runtime.commands.build import build
+from runtime.commands.files import parse
 from runtime.network.reader import chunk_samples
+from runtime.physics.law import DT
 from server import logs
 from server.http.schemas import (
     PlanRequest,
@@ -41,6 +47,12 @@ log = logging.getLogger("slide-serve")
 
 OTHER_BRACKETS = 1000
 """Brackets of a request that may belong to something else than positions."""
+
+MOST_POINTS = 200_000
+"""Most positions of a file; of a recording at 10 kHz 20 s."""
+
+MOST_MEMORY = 1 << 28
+"""Most memory that the process may hold, besides what programs are (bytes)."""
 
 Steps = Generator[None, None, Any]
 """Reads a body; between two steps others have their turn."""
@@ -114,7 +126,22 @@ def step(options: ReaderOptions, body: bytes) -> Steps:
     return asked, command, start
 
 
-KINDS = {reading.__name__: reading for reading in (plan, plans, stream, step)}
+def file(options: ReaderOptions, body: bytes, given: dict[str, Any]) -> Steps:
+    """Read a command file: the answer of `POST /command`, as JSON."""
+    yield
+    reading = Reading(**given)
+    points, reading = parse(body, reading)
+    yield
+    if len(points.position) > MOST_POINTS:
+        raise InputError(f"the file has {len(points.position)} positions, at most {MOST_POINTS} are read", "position")
+    command = Command(*build(points, reading))
+    if len(command) > options.max_samples:
+        raise InputError(f"the command has {len(command)} samples at 1 kHz, at most {options.max_samples} are taken")
+    document = {"command": {"dt": DT, "position": command.position}, "notes": [*command.notes, *command.remarks]}
+    return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+KINDS = {reading.__name__: reading for reading in (plan, plans, stream, step, file)}
 
 
 def serve(channel: Channel) -> None:
@@ -133,6 +160,11 @@ def serve(channel: Channel) -> None:
             next(steps)
         except StopIteration as end:
             channel.send(ReadReply(number, end.value))
+        except MemoryError:
+            problem = Problem("invalid", f"to read this takes more than {MOST_MEMORY >> 20} MiB")
+            channel.send(ReadReply(number, problem))
+        except MissingExtraError as error:
+            channel.send(ReadReply(number, Problem("invalid", str(error))))
         except (Problem, InputError) as problem:
             channel.send(ReadReply(number, problem))
         except Exception:
@@ -147,5 +179,6 @@ def main() -> None:
     for stop in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a terminal or a service: the server stops
         signal.signal(stop, signal.SIG_IGN)
     logs.set_up("text")
+    resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))  # a file may be made to unfold
     with socket.socket(fileno=int(sys.argv[-1])) as connection, suppress(EOFError, ConnectionError):
         serve(Channel(connection))

@@ -35,37 +35,67 @@ async function refusalOf(response) {
 }
 
 /**
- * Ask for a plan.
+ * Send something, and return the answer's text.
  *
- * @returns {text, plan, took}: the document as it came, parsed, and the milliseconds from question to answer
- * @throws Refusal
+ * @throws Refusal; the DOMException "AbortError" once `signal` says so
  */
-export async function requestPlan(body, token) {
-  const headers = { "Content-Type": "application/json" };
+async function send(path, body, type, token, signal) {
+  const headers = { "Content-Type": type };
   if (token) headers.Authorization = `Bearer ${token}`;
-  const began = performance.now();
-  let response, text;
+  const late = new AbortController(), timer = setTimeout(() => late.abort(), PATIENCE);
+  signal?.addEventListener("abort", () => late.abort());
   try {
-    const signal = AbortSignal.timeout(PATIENCE);
-    response = await fetch("plan", { method: "POST", headers, body, signal });
+    const response = await fetch(path, { method: "POST", headers, body, signal: late.signal });
     if (!response.ok) throw await refusalOf(response);
-    text = await response.text();
+    return await response.text();
   } catch (error) {
-    if (error instanceof Refusal) throw error;
-    if (error.name === "TimeoutError") {
+    if (error instanceof Refusal || signal?.aborted) throw error;
+    if (error.name === "AbortError") {
       throw new Refusal(`The server has not answered for ${PATIENCE / 1e3} s. The path is kept; try again.`);
     }
     throw new Refusal("The server cannot be reached: it may have been stopped. The path is kept; start the server " +
       "(slide-serve) and press Plan again.");
+  } finally {
+    clearTimeout(timer);
   }
+}
+
+/**
+ * Ask for a plan.
+ *
+ * @returns {text, plan, took}: the document as it came, parsed, and the milliseconds from question to answer
+ * @throws as `send`
+ */
+export async function requestPlan(body, token, signal) {
+  const began = performance.now();
+  const text = await send("plan", body, "application/json", token, signal);
   const took = performance.now() - began;
   try {
     const plan = JSON.parse(text);
-    if (plan.format !== "slide-plan/2") throw new SyntaxError(plan.format);
+    if (!plan.format.startsWith("slide-plan/")) throw new SyntaxError(plan.format);
     return { text, plan, took };
   } catch {
     throw new Refusal("The server’s answer is no plan that this page can read.");
   }
+}
+
+/**
+ * Let the server read a file: a drawing, or a recording, at the speed (m/s) that is wanted where it says none.
+ *
+ * @returns {positions, notes}: [[x, y], ...] in metres, every millisecond, and what was made of the file
+ * @throws as `send`
+ */
+export async function requestCommand(file, speed, token) {
+  const ask = (query) => send(`command${query}`, file, "application/octet-stream", token);
+  let text;
+  try {
+    text = await ask("");
+  } catch (error) {
+    if (!(error instanceof Refusal) || !error.message.includes("--speed")) throw error;
+    text = await ask(`?speed=${speed}&size=0.1`);
+  }
+  const { command, notes } = JSON.parse(text);
+  return { positions: command.position, notes };
 }
 
 /** What the server says of itself, or null: the page works without. */

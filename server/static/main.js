@@ -1,66 +1,93 @@
-/** The page: a path is drawn or taken, planned by the server or by the page itself, and played. */
+/** The page: a path is drawn or taken, planned by the server or the page itself once the pen is lifted, and played. */
 
-import { curlOf, localPlanner, requestInfo, requestPlan } from "./api.js";
-import { copyCurl, saveFile } from "./download.js";
-import { EXAMPLES } from "./examples.js";
-import { DT, commandAlong, commandDocument } from "./path.js";
+import { curlOf, localPlanner, requestCommand, requestInfo } from "./api.js";
+import { copy, csvOf, film, plotsAsSvg, saveFile } from "./download.js";
+import { History, decode, encode } from "./drawing.js";
+import { EXAMPLES, PANS } from "./examples.js";
+import { DT, commandAlong, commandDocument, keepWithin, lengthOf } from "./path.js";
 import { listenToPen } from "./pen.js";
-import { $, element, number } from "./viewer/dom.js";
-import { RADIUS, motionOf } from "./viewer/motion.js";
+import { Planning } from "./planning.js";
+import { $, element, mm, number } from "./viewer/dom.js";
+import { RADIUS } from "./viewer/motion.js";
 import { Viewer, calm } from "./viewer/viewer.js";
 
 const REACH = 0.15;  // m from the start of a path, unless the server's model was trained on another
 const LONG = 1.5;  // s, the same for its duration
+const SETTLED = 250;  // ms after the last change of a slider, until it is planned with
+const SLIDERS = ["speed", "static", "kinetic"];
 const trainedOn = { reach: REACH, duration: LONG };
 
 const redraw = element("button", { id: "redraw", type: "button", className: "plain", textContent: "Draw again" });
 const viewer = new Viewer({ beside: [redraw], idle: showDraft });
+const planning = new Planning();
+const history = new History();
 
-/** What is drawn, what is asked of it, and the last answer: all that the page shows follows from these. */
-const draft = { drawn: EXAMPLES[1].points, down: false, pen: null, command: null };
-let planned = null;  // {body, text, motion}, or null before the first plan
-let planning = false;
-let local = null;  // a promise of the page's own planner; of null where a server is behind it
+/**
+ * What is on the pan, and what follows from it: the command, from points drawn or from a file that was `given`.
+ * `planned` is the last answer: {asked, body, text, plan, motion, told}.
+ */
+const draft = { drawn: EXAMPLES[1].points, given: null, down: false, pen: null, command: null };
+let planned = null, settling = 0;
 
-const pen = listenToPen(viewer.stage, () => !viewer.plays, (points, { down, pen: at }) => {
-  Object.assign(draft, { drawn: points, down, pen: at });
-  if (down) {
-    requestAnimationFrame(() => draft.down && showDraft());
-    if (draft.command === null) return;
-  }
-  markExample(null);
-  update();
+const pen = listenToPen(viewer.stage, {
+  mayDraw: () => !viewer.plays,
+  begins: () => {
+    planning.stop();
+    if (viewer.plays) drawAgain();
+    return true;
+  },
+  show: (points, { down, pen: at }) => {
+    const lifted = draft.down && !down;
+    Object.assign(draft, { drawn: points, given: null, down, pen: at });
+    if (down) requestAnimationFrame(() => draft.down && showDraft());
+    if (down && !draft.command) return;
+    if (!lifted) planning.stop();
+    markExample(null);
+    update();
+  },
+  ends: () => {
+    remember();
+    if (draft.command) plan();
+  },
 });
 
 const valueOf = (id) => $(id).valueAsNumber;
+const asked = () => Object.fromEntries(SLIDERS.map((id) => [id, valueOf(id)]));
 
-/** The body of the request for what is on the pan now; null if that is no path. */
-function bodyNow() {
+/** What is asked of the server for what is on the pan now; null if that is no path. */
+function requestNow() {
   if (!draft.command) return null;
   const friction = { static: valueOf("static"), kinetic: valueOf("kinetic") };
-  return JSON.stringify({ command: commandDocument(draft.command.positions), friction });
+  const exact = draft.given ? { dt: DT, position: draft.command.positions } : commandDocument(draft.command.positions);
+  return { command: exact, friction };
 }
 
 /** Work out the command again, and show it. */
 function update() {
-  const asked = { speed: valueOf("speed"), reach: trainedOn.reach };
-  draft.command = draft.down ? null : commandAlong(draft.drawn, asked);
-  $("speed-value").textContent = `${number(asked.speed, 2)} m/s`;
+  const { speed } = asked();
+  draft.command = draft.down ? null : draft.given ?? commandAlong(draft.drawn, { speed, reach: trainedOn.reach });
+  $("speed-value").textContent = `${number(speed, 2)} m/s`;
   for (const id of ["static", "kinetic"]) $(`${id}-value`).textContent = number(valueOf(id), 2);
-  $("plan").setAttribute("aria-disabled", String(planning || !draft.command));
-  $("plan").textContent = planning ? "Planning…" : viewer.plays ? "Plan again" : "Plan";
-  if (!planning) $("summary").textContent = summary();
+  $("pan").value = PANS.findIndex((pan) => pan.static === valueOf("static") && pan.kinetic === valueOf("kinetic"));
+  $("plan").setAttribute("aria-disabled", String(!draft.command));
+  $("plan").textContent = planning.busy ? "Planning…" : planned ? "Plan again" : "Plan";
+  $("undo").disabled = !history.canUndo;
+  $("redo").disabled = !history.canRedo;
+  $("summary").textContent = summary();
+  $("stage-card").classList.toggle("stale", isStale());
   if (!viewer.plays) showDraft();
 }
 
+/** Whether what is played is of another path, or another friction, than what is on the pan now. */
+const isStale = () => viewer.plays && planned?.asked !== JSON.stringify(requestNow());
+
 function summary() {
   const { command, down, drawn } = draft;
-  if (viewer.plays && planned && bodyNow() === planned.body) return planned.told;
   if (down) return "";
   if (!command) return drawn.length ? "Too short a path: draw on." : "Draw a path on the pan, or take an example.";
   const duration = (command.positions.length - 1) * DT;
   const parts = [`${number(command.length * 100, 0)} cm in ${number(duration, 2)} s.`];
-  if (viewer.plays) parts.unshift("Not planned yet:");
+  if (viewer.plays) parts.push(isStale() ? "Not planned yet." : planned.told);
   if (command.shrunk < 1) {
     parts.push(`Shrunk to ${number(command.shrunk * 100, 0)} %, to stay within ` +
       `${number(trainedOn.reach * 1e3, 0)} mm of its start.`);
@@ -69,13 +96,14 @@ function summary() {
     parts.push(`Longer than the ${number(trainedOn.duration)} s that the model was trained on: ` +
       "it may follow less well.");
   }
+  if (command.notes?.length) parts.push(`Of the file: ${command.notes.join("; ")}.`);
   return parts.join(" ");
 }
 
 function showDraft() {
   viewer.stage.drawDraft({ drawn: draft.drawn, positions: draft.command?.positions, pen: draft.pen });
   $("hint").hidden = draft.down;
-  $("hint").textContent = draft.pen ? "Arrow keys draw, with Shift finely; Esc clears" : "Draw on the pan";
+  $("hint").textContent = draft.pen ? "Arrow keys draw, with Shift finely; Enter plans, Esc clears" : "Draw on the pan";
 }
 
 /** Play a motion; or, if it is null, let the pan at rest be drawn on. */
@@ -92,10 +120,32 @@ function turnTo(motion) {
 }
 
 function drawAgain() {
+  planning.stop();
   pen.lift();
   draft.pen = null;
   turnTo(null);
   update();
+}
+
+/** Keep what is on the pan: in the history, and in the address, so that it survives a reload. */
+function remember() {
+  if (draft.drawn.length > 1) history.add({ drawn: draft.drawn, given: draft.given });
+  keepInAddress();
+  update();
+}
+
+function keepInAddress() {
+  if (draft.drawn.length < 2) return;
+  globalThis.history.replaceState(null, "", `#${encode({ points: draft.drawn, ...asked() })}`);
+}
+
+/** Put a drawing on the pan and plan it. */
+function take(drawing, example = null) {
+  Object.assign(draft, { given: null, pen: null }, drawing);
+  markExample(example);
+  drawAgain();
+  keepInAddress();
+  plan();
 }
 
 function markExample(name) {
@@ -109,50 +159,66 @@ function say(message) {
   $("message").hidden = !message;
 }
 
-async function plan(event) {
-  event.preventDefault();
-  const body = bodyNow();
-  if (planning) return;
-  if (!body) {
+/** Plan what is on the pan: soon any way, and then the best way there is time for. */
+async function plan() {
+  clearTimeout(settling);
+  const request = requestNow();
+  if (!request) {
     say("There is no path yet: draw one on the pan, or take an example.");
     return;
   }
-  planning = true;
   say("");
-  update();
+  const token = $("token").value, whole = JSON.stringify(request);
   try {
-    const { positions } = draft.command, { friction } = JSON.parse(body);
-    const own = await local;
-    const answer = own ? await own.plan(positions, friction) : await requestPlan(body, $("token").value);
-    planned = { body, text: answer.text, motion: motionOf(answer.plan), own: own !== null };
-    planned.told = `Planned ${number(planned.motion.end, 2)} s of motion in ${number(answer.took, 0)} ms.`;
+    const answers = planning.ask(request, draft.command.positions, token);
+    update();
+    for await (const answer of answers) show(answer, whole);
   } catch (error) {
+    if (error.name === "AbortError") return;
     if (error.status === 401) $("token-row").hidden = false;
     say(error.message);
-    return;
   } finally {
-    planning = false;
     update();
   }
-  showPlan(planned.motion);
 }
 
-function showPlan(motion) {
+function show({ body, text, plan: document, motion, took, better }, whole) {
+  const before = planned?.asked === whole && viewer.plays ? viewer.player : null;
+  planned = { asked: whole, body, text, plan: document, motion };
+  planned.told = toldOf(took, motion.quality, better);
+  const paused = before && !before.playing ? before.t : null;
   $("how").hidden = true;
   for (const id of ["quality", "plots"]) $(id).hidden = false;
-  $("curl").textContent = curlOf(planned.body, $("token").value !== "");
-  for (const part of [$("copy"), $("curl").parentElement]) part.hidden = planned.own;
+  for (const part of [$("copy"), $("curl").parentElement]) part.hidden = body === null;
+  if (body) $("curl").textContent = curlOf(body, $("token").value !== "");
   turnTo(motion);
   update();
-  $("stage-card").scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
+  if (paused !== null) {
+    viewer.player.seek(paused);
+    return;
+  }
+  if (!before) $("stage-card").scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
   viewer.begin();
+}
+
+/** What is said of a plan: the time it took, and what it is better in than the one `before` it, if there was one. */
+function toldOf(took, quality, before) {
+  const after = `${number(took, 0)} ms`;
+  for (const [name, words] of [["friction_off_rmse", "with friction 10 % off"], ["tracking_rmse", "the error"]]) {
+    if (before && quality[name] < before[name]) {
+      return `Planned, and made better in ${after}: ${words} ${mm(quality[name])} mm in place of ${mm(before[name])}.`;
+    }
+  }
+  return `Planned in ${after}.`;
 }
 
 /** Find out who plans: the page's own planner where no server answers, null where one does. */
 async function findPlanner() {
   const info = await requestInfo();
   const own = info ? null : await localPlanner(say);
+  planning.mayAsk(info?.settings);
   takeFrom((info ?? own?.info)?.model);
+  for (const part of [$("file").parentElement, $("interface")]) part.hidden = own !== null;
   return own;
 }
 
@@ -164,44 +230,110 @@ function takeFrom(model) {
   trainedOn.duration = known.samples ? known.samples[1] * DT : LONG;
   const { sizes } = model;
   if (sizes) Object.assign(RADIUS, { pan: sizes.pan_radius, object: sizes.object_radius });
-  for (const id of ["static", "kinetic", "speed"]) if (known[id]) $(id).max = known[id][1];
+  for (const id of SLIDERS) if (known[id]) $(id).max = known[id][1];
   for (const id of ["static", "kinetic"]) if (known[id]) $(id).min = known[id][0];
   $("footer").textContent = `Model ${model.name}, sha256 ${model.sha256}.`;
   update();
+}
+
+async function openFile() {
+  const [file] = $("file").files;
+  $("file").value = "";
+  if (!file) return;
+  say("");
+  try {
+    const { positions, notes } = await requestCommand(file, valueOf("speed"), $("token").value);
+    const drawn = positions.filter((_, k) => k % 5 === 0 || k === positions.length - 1);
+    const drawing = { drawn, given: { positions, notes, length: lengthOf(drawn), shrunk: 1 } };
+    history.add(drawing);
+    take(drawing);
+  } catch (error) {
+    if (error.status === 401) $("token-row").hidden = false;
+    say(error.message);
+  }
+}
+
+async function saveFilm() {
+  $("film").disabled = true;
+  $("film").textContent = "Filming…";
+  const made = await film(viewer.stage.canvas, viewer.player);
+  Object.assign($("film"), { disabled: false, textContent: "Film" });
+  if (made) saveFile(`plan.${made.ending}`, made.blob); else say("This browser makes no films.");
+}
+
+/** A slider was moved: plan again, once it rests. */
+function change() {
+  if (draft.drawn.length > 1) keepInAddress();
+  planning.stop();
+  update();
+  clearTimeout(settling);
+  if (planned && draft.command) settling = setTimeout(plan, SETTLED);
 }
 
 function listen() {
   for (const { name, points } of EXAMPLES) {
     const button = element("button", { type: "button", className: "plain", textContent: name });
     button.addEventListener("click", () => {
-      draft.drawn = points;
-      markExample(name);
-      drawAgain();
+      history.add({ drawn: points, given: null });
+      take({ drawn: points }, name);
     });
     $("examples").append(button);
   }
-  for (const id of ["speed", "static", "kinetic"]) {
+  $("pan").append(element("option", { value: -1, textContent: "as set below" }),
+    ...PANS.map(({ name }, index) => element("option", { value: index, textContent: name })));
+  $("pan").addEventListener("input", () => {
+    const { static: hold, kinetic } = PANS[$("pan").value] ?? {};
+    if (hold) Object.assign($("static"), { value: hold }), Object.assign($("kinetic"), { value: kinetic });
+    change();
+  });
+  for (const id of SLIDERS) {
     $(id).addEventListener("input", () => {  // friction at rest is never less than while sliding
       if (id === "static" && valueOf("kinetic") > valueOf("static")) $("kinetic").value = valueOf("static");
       if (id === "kinetic" && valueOf("static") < valueOf("kinetic")) $("static").value = valueOf("kinetic");
-      update();
+      change();
     });
   }
-  $("controls").addEventListener("submit", plan);
+  $("controls").addEventListener("submit", (event) => {
+    event.preventDefault();
+    plan();
+  });
+  $("undo").addEventListener("click", () => take(history.undo()));
+  $("redo").addEventListener("click", () => take(history.redo()));
+  addEventListener("keydown", (event) => {
+    if (event.key.toLowerCase() !== "z" || !(event.ctrlKey || event.metaKey) || event.target.closest("#token")) return;
+    event.preventDefault();
+    $(event.shiftKey ? "redo" : "undo").click();
+  });
   redraw.addEventListener("click", () => {
     drawAgain();
     $("stage").focus();
   });
-  $("download").addEventListener("click", () => saveFile("plan.json", planned.text));
-  $("copy").addEventListener("click", copyCurl);
+  $("file").addEventListener("change", openFile);
+  $("share").addEventListener("click", () => {
+    keepInAddress();
+    $("link").textContent = location.href;
+    copy(location.href, $("link"));
+  });
+  $("download").addEventListener("click", () => saveFile("plan.json", planned.text, "application/json"));
+  $("csv").addEventListener("click", () => saveFile("plan.csv", csvOf(planned.plan), "text/csv"));
+  $("drawing").addEventListener("click", () => saveFile("plots.svg", plotsAsSvg($("plots")), "image/svg+xml"));
+  $("film").addEventListener("click", saveFilm);
+  $("copy").addEventListener("click", () => copy($("curl").textContent, $("curl")));
 }
 
 function start() {
   listen();
-  markExample(EXAMPLES[1].name);
+  const linked = decode(location.hash.slice(1));
+  if (linked) {
+    for (const id of SLIDERS) if (linked[id]) $(id).value = linked[id];
+    draft.drawn = linked.points.map((point) => keepWithin(point, RADIUS.pan - RADIUS.object));
+  } else {
+    markExample(EXAMPLES[1].name);
+  }
+  history.add({ drawn: draft.drawn, given: null });
   update();
-  local = findPlanner();
-  local.catch((error) => say(error.message));
+  planning.own = findPlanner();
+  planning.own.then(linked ? plan : () => {}, (error) => say(error.message));
   document.body.dataset.ready = "true";
 }
 start();

@@ -14,11 +14,13 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowD
  * Let people draw on the stage's canvas.
  *
  * @param stage  the Stage, which knows where on the pan a pointer is
- * @param mayDraw  () => whether the pan lies still, to be drawn on
+ * @param mayDraw  () => whether the pan lies still, to be drawn on with keys
+ * @param begins  () before a stroke of the pointer, which lays the pan still
  * @param show  (points, {down, pen}) after every change: the points (m), whether the pen is down, and where a pen
  *   moved by keys is, or null
+ * @param ends  () when a path is drawn: the pointer is lifted, or Enter pressed
  */
-export function listenToPen(stage, mayDraw, show) {
+export function listenToPen(stage, { mayDraw, begins, show, ends }) {
   const { canvas } = stage;
   let points = [], length = 0, down = false, byKeys = false;
 
@@ -36,7 +38,7 @@ export function listenToPen(stage, mayDraw, show) {
   const tell = () => show(points, { down, pen: byKeys ? points.at(-1) : null });
 
   canvas.addEventListener("pointerdown", (event) => {
-    if (!mayDraw() || event.button !== 0) return;
+    if (event.button !== 0 || down || !begins(event)) return;
     event.preventDefault();
     canvas.focus({ preventScroll: true, focusVisible: false });
     canvas.setPointerCapture(event.pointerId);
@@ -56,6 +58,7 @@ export function listenToPen(stage, mayDraw, show) {
       if (!down) return;
       down = false;
       tell();
+      ends();
     });
   }
 
@@ -68,6 +71,10 @@ export function listenToPen(stage, mayDraw, show) {
       const step = event.shiftKey ? FINE_STEP : STEP;
       const [x, y] = points.at(-1);
       add([x + arrow[0] * step, y + arrow[1] * step]);
+    } else if (event.key === "Enter" && byKeys) {
+      event.preventDefault();
+      ends();
+      return;
     } else if (event.key === "Escape") {
       points = [];
       byKeys = false;

@@ -6,9 +6,10 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import httpx
 import numpy as np
@@ -16,13 +17,22 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from benchmarks.pictures.browser import PATIENCE
-from runtime import Command, Plan
+from runtime import Command, Friction, Plan
 from runtime.commands.path import run_along
+from runtime.outputs.csv_file import to_csv
+from runtime.physics.law import slide_one
 from runtime.report.report import render_report
 
 EXAMPLES = ["Circle", "Eight", "Strokes", "Signature"]
 
 expect.set_options(timeout=PATIENCE)
+
+
+@pytest.fixture(scope="module")
+def server(run_server: Callable[..., Any]) -> Iterator[Any]:
+    """A server that refines nothing: uncompiled that would take long."""
+    with run_server(max_wait=20.0, deadline=20.0) as it:
+        yield it
 
 
 def draw(page: Page, turns: float = 1.0) -> None:
@@ -43,9 +53,15 @@ def plan(page: Page) -> dict[str, Any]:
     """Press Plan, and return what the server was asked."""
     with page.expect_request("**/plan") as request:
         page.click("#plan")
-    page.wait_for_selector("#quality:not([hidden])")
+    settle(page)
     document: dict[str, Any] = request.value.post_data_json
     return document
+
+
+def settle(page: Page) -> None:
+    """Wait until a plan is shown, and no better one is asked for."""
+    page.wait_for_selector("#quality:not([hidden])")
+    expect(page.locator("#plan")).to_have_text("Plan again")
 
 
 def pixels(page: Page) -> str:
@@ -59,20 +75,22 @@ def seek(page: Page, t: float) -> None:
     )
 
 
-def saved(page: Page) -> str:
+def saved(page: Page, button: str = "download", name: str = "plan.json") -> str:
     with page.expect_download() as download:
-        page.click("#download")
-    assert download.value.suggested_filename == "plan.json"
+        page.click(f"#{button}")
+    assert download.value.suggested_filename == name
     return Path(download.value.path()).read_text()
 
 
 def test_a_path_drawn_with_the_mouse_is_planned_and_played(server: Any, open_page: Callable[..., Page]) -> None:
     page = open_page(server.url)
     before = pixels(page)
-    draw(page)
+    with page.expect_request("**/plan") as request:
+        draw(page)
+    settle(page)
     assert pixels(page) != before
-    assert re.match(r"\d+ cm in \d\.\d\d s", page.inner_text("#summary"))
-    asked = plan(page)
+    assert re.match(r"\d+ cm in \d\.\d\d s\. Planned", page.inner_text("#summary"))
+    asked = request.value.post_data_json
     assert Command.from_dict(asked["command"]).reach > 0.05
     assert asked["friction"] == {"static": 1, "kinetic": 0.5}
 
@@ -92,6 +110,9 @@ def test_a_path_drawn_with_the_mouse_is_planned_and_played(server: Any, open_pag
     assert pixels(page) != still
     page.click("#redraw")
     expect(page.locator("#transport")).to_be_hidden()
+    plan(page)
+    draw(page, 0.7)  # on the moving pan, which lies still at once
+    settle(page)
 
 
 def test_what_is_downloaded_is_the_plan_and_the_curl_line_asks_for_the_same(
@@ -120,10 +141,10 @@ def test_each_example_is_a_command_the_model_knows_and_follows(
 ) -> None:
     page = open_page(server.url)
     page.get_by_role("button", name=name).click()
-    plan(page)
+    settle(page)
     quality = Plan.from_dict(json.loads(saved(page))).quality
     assert quality.status in ("ok", "governed")
-    assert quality.tracking_rmse < 0.01
+    assert quality.tracking_rmse < 0.005  # by the tolerance that the page gives, or the badge would be red
     expect(page.locator("#badge")).to_contain_text("Within limits")
 
 
@@ -178,22 +199,31 @@ def test_everything_can_be_done_from_the_keyboard_and_the_focus_is_seen(
         page.keyboard.press(key)
     expect(page.locator("#summary")).to_contain_text("7 cm in")
     seen = []
-    while "plan" not in seen:
+    while "plan" not in seen and len(seen) < 30:
         page.keyboard.press("Tab")
         seen.append(page.evaluate("document.activeElement.id || document.activeElement.textContent"))
         assert page.evaluate(outline) == "solid", seen
         if seen[-1] == "speed":
             page.keyboard.press("ArrowRight")
-    assert seen == [*EXAMPLES, "speed", "static", "kinetic", "plan"]
+    assert seen == [*EXAMPLES, "file", "share", "pan", "speed", "static", "kinetic", "plan"]
     assert page.inner_text("#speed-value") == "0.45 m/s"
     page.keyboard.press("Enter")
-    page.wait_for_selector("#quality:not([hidden])")
+    settle(page)
     page.evaluate("document.activeElement.blur()")
     at = page.inner_text("#now")
     page.keyboard.press("ArrowRight")
     assert float(page.inner_text("#now")) == pytest.approx(float(at) + 0.01, abs=0.0011)
     page.keyboard.press(" ")
     expect(page.locator("#play")).to_have_attribute("aria-label", "Pause")
+
+
+def test_path_drawn_with_the_keys_is_planned_by_enter(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    page.keyboard.press("Tab")
+    for key in ["ArrowRight"] * 6 + ["Enter"]:
+        page.keyboard.press(key)
+    settle(page)
+    assert page.inner_text("#summary").startswith("3 cm in")
 
 
 def test_friction_at_rest_is_never_less_than_while_sliding(server: Any, open_page: Callable[..., Page]) -> None:
@@ -203,7 +233,14 @@ def test_friction_at_rest_is_never_less_than_while_sliding(server: Any, open_pag
     assert page.inner_text("#kinetic-value") == "0.60"
     assert plan(page)["friction"] == {"static": 0.6, "kinetic": 0.6}
     page.locator("#kinetic").fill("0.3")
-    assert page.inner_text("#summary").startswith("Not planned yet")
+    assert "Not planned yet" in page.inner_text("#summary")
+    expect(page.locator("#stage-card")).to_have_class(re.compile("stale"))
+    expect(page.locator("#summary")).to_contain_text("Planned")
+    expect(page.locator("#stage-card")).not_to_have_class(re.compile("stale"))
+    page.select_option("#pan", index=3)
+    assert (page.inner_text("#static-value"), page.inner_text("#kinetic-value")) == ("0.80", "0.60")
+    page.locator("#static").fill("0.9")
+    expect(page.locator("#pan")).to_have_value("-1")
 
 
 def test_on_a_phone_a_finger_draws_and_nothing_is_wider_than_the_screen(
@@ -218,11 +255,20 @@ def test_on_a_phone_a_finger_draws_and_nothing_is_wider_than_the_screen(
         points = [] if dx is None else [{"x": x + dx, "y": y + dx / 2}]
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
     expect(page.locator("#summary")).to_contain_text(re.compile(r"^[89] cm in"))
-    plan(page)
+    settle(page)
     page.locator("#quality summary").click()
     widest = "Math.max(...[...document.querySelectorAll('body *')].map(e => e.getBoundingClientRect().right))"
     assert page.evaluate("document.documentElement.scrollWidth") == 360
     assert page.evaluate(widest) <= 360
+    small = page.evaluate(
+        "[...document.querySelectorAll('button, select, summary, input[type=range], .file, .toggle, .choice')]"
+        ".filter((e) => e.offsetParent && e.getBoundingClientRect().height < 44).map((e) => e.id || e.className)"
+    )
+    assert small == []
+    page.evaluate("scrollTo(0, document.body.scrollHeight / 3)")
+    stage = page.locator("#stage").bounding_box()
+    assert stage is not None
+    assert stage["y"] >= 0
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -249,11 +295,9 @@ def test_a_server_that_was_stopped_is_told_in_words_and_the_path_is_kept(
 ) -> None:
     with run_server() as server:
         page = open_page(server.url, complains=True)
-        draw(page)
-    drawn = page.inner_text("#summary")
-    page.click("#plan")
+    draw(page)
     expect(page.get_by_role("alert")).to_contain_text("The server cannot be reached: it may have been stopped.")
-    assert page.inner_text("#summary") == drawn
+    assert re.match(r"\d+ cm in \d\.\d\d s", page.inner_text("#summary"))
 
 
 def test_a_server_with_a_token_asks_for_it(run_server: Callable[..., Any], open_page: Callable[..., Page]) -> None:
@@ -309,6 +353,123 @@ def test_every_refusal_is_told_in_words_and_no_markup_of_it_is_taken(
     page.unroute("**/plan")
     plan(page)
     expect(page.get_by_role("alert")).to_be_hidden()
+
+
+def drawn(page: Page) -> str:
+    """Return the part of the address that holds the drawing."""
+    found: str = page.evaluate("new URLSearchParams(location.hash.slice(1)).get('d')")
+    return found
+
+
+def test_drawings_are_undone_and_done_again(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    expect(page.locator("#undo")).to_be_disabled()
+    draw(page)
+    settle(page)
+    first = drawn(page)
+    draw(page, 0.5)
+    settle(page)
+    second = drawn(page)
+    assert first != second
+    page.click("#undo")
+    assert drawn(page) == first
+    settle(page)
+    page.keyboard.press("Control+Shift+Z")
+    assert drawn(page) == second
+    settle(page)
+    expect(page.locator("#redo")).to_be_disabled()
+    page.keyboard.press("Control+z")
+    draw(page, 0.3)
+    expect(page.locator("#redo")).to_be_disabled()
+
+
+def test_drawing_survives_a_reload_and_is_in_the_link_that_is_shared(
+    server: Any, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(server.url, permissions=["clipboard-read", "clipboard-write"])
+    page.locator("#speed").fill("0.3")
+    draw(page)
+    settle(page)
+    length = page.inner_text("#summary").partition(".")[0]
+    before = drawn(page)
+    page.reload()
+    settle(page)
+    assert page.inner_text("#summary").startswith(length)
+    page.click("#share")
+    expect(page.locator("#copied")).to_have_text("Copied.")
+    link = page.evaluate("navigator.clipboard.readText()")
+    assert len(link) < 2000
+    other = open_page(link)
+    settle(other)
+    assert drawn(other) == before
+    assert other.inner_text("#speed-value") == "0.30 m/s"
+
+
+@pytest.mark.parametrize(
+    "fragment",
+    ["d=", "d=AA", "d=%00", "d=AAAA", "speed=1", "d=" + "AAAA" * 5000, "d=<img src=x>&speed=NaN", "%", "d=_3__fw"],
+)
+def test_link_that_holds_no_drawing_opens_the_page_as_usual(
+    server: Any, open_page: Callable[..., Page], fragment: str
+) -> None:
+    page = open_page(f"{server.url}/#{fragment}")
+    draw(page)
+    settle(page)
+
+
+def test_what_is_downloaded_as_csv_is_what_python_writes(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    draw(page)
+    settle(page)
+    rows = [line.split(",") for line in saved(page, "csv", "plan.csv").splitlines()]
+    own = [line.split(",") for line in to_csv(Plan.from_dict(json.loads(saved(page))).document()).decode().splitlines()]
+    assert rows[0] == own[0]
+    np.testing.assert_allclose(np.array(rows[1:], float), np.array(own[1:], float), rtol=0.0, atol=1e-9)
+
+
+def test_plots_and_film_are_downloaded(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    page.get_by_role("button", name="Strokes").click()
+    settle(page)
+    plots = ElementTree.fromstring(saved(page, "drawing", "plots.svg"))
+    assert len(plots.findall("{*}svg")) == 6
+    assert all(path.get("stroke") or path.get("fill") for path in plots.iter("{*}path"))
+    page.locator("#rates label").first.click()
+    with page.expect_download() as download:
+        page.click("#film")
+    assert download.value.suggested_filename == "plan.webm"
+    assert Path(download.value.path()).read_bytes().startswith(b"\x1aE\xdf\xa3")
+
+
+def test_command_file_is_read_by_the_server_and_planned(
+    server: Any, open_page: Callable[..., Page], tmp_path: Path
+) -> None:
+    page = open_page(server.url, complains=True)
+    example = Path(__file__).parents[2] / "examples/figure_eight.csv"
+    with page.expect_request("**/plan") as request:
+        page.set_input_files("#file", example)
+    settle(page)
+    np.testing.assert_allclose(request.value.post_data_json["command"]["position"], Command.load(example).position)
+    sketch = tmp_path / "sketch.svg"
+    sketch.write_text('<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0C10 20 30 20 40 0"/></svg>')
+    page.set_input_files("#file", sketch)
+    expect(page.locator("#summary")).to_contain_text("laid its middle on the pan's centre")
+    (tmp_path / "junk.csv").write_bytes(b"\x00\x1b[2J")
+    page.set_input_files("#file", tmp_path / "junk.csv")
+    expect(page.get_by_role("alert")).to_contain_text("The server cannot plan this path.")
+
+
+def test_the_page_slides_an_object_as_python_does(server: Any, open_page: Callable[..., Page]) -> None:
+    random = np.random.default_rng(3)
+    u = random.normal(0.0, 8.0, (300, 3)) * [1.0, 1.0, 0.3]
+    u[100:180] = 0.0
+    slid = open_page(server.url).evaluate(
+        "async (rows) => { const { slide } = await import('/law.js'); let state = [0, 0, 0.1, -0.2];"
+        " return rows.map((u) => (state = slide(state, u, { static: 0.9, kinetic: 0.4 }, 0.001))); }",
+        u.tolist(),
+    )
+    own = slide_one(np.array([0.0, 0.0, 0.1, -0.2]), u, Friction(0.9, 0.4))
+    np.testing.assert_allclose(slid, own, rtol=0.0, atol=1e-12)
 
 
 def test_the_page_and_the_report_draw_the_same_motion(server: Any, open_page: Callable[..., Page]) -> None:

@@ -1,0 +1,88 @@
+/** Asking for plans: one that is there at once, then the best that the server has time for. */
+
+import { requestPlan } from "./api.js";
+import { DT } from "./path.js";
+import { motionOf } from "./viewer/motion.js";
+
+const CANDIDATES = 8, REFINE_MS = 100;  // asked for, where the server allows as much
+const TOLERANCE = 0.005;  // m: an object that strays farther (RMS) follows badly, whatever else is right
+const CHUNK = 0.1;  // s
+
+export class Planning {
+  own = Promise.resolve(null);  // the page's own planner; null where a server plans
+  #stopping = null;
+  #most = { max_candidates: 16, max_refine_ms: 0, max_chunks: 320 };
+
+  /** Take what the server allows. */
+  mayAsk(settings) {
+    Object.assign(this.#most, settings);
+  }
+
+  get busy() {
+    return this.#stopping !== null;
+  }
+
+  /** Give up what is being asked. */
+  stop() {
+    this.#stopping?.abort();
+    this.#stopping = null;
+  }
+
+  /**
+   * Ask for a plan, and for a better one; what was asked before is given up.
+   *
+   * @param request  what a server is asked
+   * @param positions  of the command, every millisecond (m)
+   * @yields {body, text, plan, motion, took, better}: `body` is what a server was asked, or null; `took` the
+   *   milliseconds since; `better` the quality of the plan before, or null
+   * @throws as `requestPlan`, if there is no plan at all
+   */
+  ask(request, positions, token) {
+    this.stop();
+    const stopping = this.#stopping = new AbortController();
+    return this.#answers(request, positions, token, stopping);
+  }
+
+  async *#answers(request, positions, token, stopping) {
+    const ask = async (more) => {
+      const body = JSON.stringify({ ...request, ...more });
+      const answer = await requestPlan(body, token, stopping.signal);
+      return { ...answer, body, motion: motionOf(answer.plan) };
+    };
+    try {
+      const own = await this.own;
+      if (own) {
+        const answer = await own.plan(positions, request.friction);
+        if (!stopping.signal.aborted) yield { ...answer, body: null, motion: motionOf(answer.plan), better: null };
+        return;
+      }
+      const first = await ask({});
+      yield { ...first, better: null };
+      const second = await this.#best(ask, first.motion);
+      if (second) yield { ...second, better: first.motion.quality };
+    } finally {
+      if (this.#stopping === stopping) this.#stopping = null;
+    }
+  }
+
+  /** The best plan there is time for, judged by its error too; null where the server is too busy for it. */
+  async #best(ask, motion) {
+    const { max_candidates, max_refine_ms, max_chunks } = this.#most;
+    const chunks = Math.ceil(((motion.end / DT) + 1) * DT / CHUNK);
+    const candidates = Math.min(CANDIDATES, max_candidates, Math.floor(max_chunks / chunks));
+    const refine = Math.min(REFINE_MS, max_refine_ms);
+    const more = { tolerance: TOLERANCE, ...(candidates > 1 && { candidates }) };
+    try {
+      if (refine > 0) return await ask({ ...more, refine_ms: refine });
+    } catch (error) {
+      if (error.status === 422) this.#most.max_refine_ms = 0;  // it cannot, and says so
+      if (error.status !== 422 && error.status !== 503) throw error;
+    }
+    try {
+      return await ask(more);
+    } catch (error) {
+      if ([429, 503, 504].includes(error.status)) return null;
+      throw error;
+    }
+  }
+}
