@@ -63,17 +63,15 @@ def pack_step(step: Step) -> bytes:
 
 
 def unpack_step(data: bytes, axes: int = AXES) -> Step:
-    """Read a step, of a pan that moves along so many axes.
+    """Read a step, of a pan that moves along so many axes; a value that is no finite number is one that is missing.
 
     Raises:
-        InputError: another length than its head says, or a value that is no finite number.
+        InputError: another length than its head says.
     """
     if len(data) < STEP_HEAD.size:
         raise InputError(f"a step has at least {STEP_HEAD.size} bytes, got {len(data)}")
     sequence, age, pan_rows, object_rows = STEP_HEAD.unpack_from(data)
     values = _values(data, STEP_HEAD.size, 2 * axes * pan_rows + 4 * object_rows)
-    if not np.isfinite(age):
-        raise InputError("the age is no finite number")
     pan = values[: 2 * axes * pan_rows].reshape(-1, 2 * axes)
     sliding = values[2 * axes * pan_rows :].reshape(-1, 4)
     return Step(sequence, pan if len(pan) else None, sliding if len(sliding) else None, age)
@@ -98,6 +96,8 @@ def unpack_chunk(data: bytes) -> Chunk:
     if status >= len(STATUSES):
         raise InputError(f"there is no status {status}")
     values = _values(data, CHUNK_HEAD.size, AXES * (rows + brake_rows)).reshape(-1, AXES)
+    if not np.isfinite(values).all():
+        raise InputError("a value is no finite number")
     return Chunk(sequence, values[:rows], values[rows:], STATUSES[status])
 
 
@@ -118,7 +118,4 @@ def _rows(state: FloatArray | None, width: int) -> np.ndarray[tuple[int, ...], n
 def _values(data: bytes, offset: int, count: int) -> FloatArray:
     if len(data) != offset + 4 * count:
         raise InputError(f"the head says {offset + 4 * count} bytes, got {len(data)}")
-    values = np.frombuffer(data, "<f4", count, offset).astype(np.float64)
-    if not np.isfinite(values).all():
-        raise InputError("a value is no finite number")
-    return values
+    return np.frombuffer(data, "<f4", count, offset).astype(np.float64)

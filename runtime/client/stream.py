@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
 from typing import Any
@@ -142,15 +143,20 @@ def problem_text(problem: dict[str, Any]) -> str:
 
 
 def _step_json(step: Step) -> str:
-    message: dict[str, Any] = {"sequence": step.sequence, "age": step.age}
+    message: dict[str, Any] = {"sequence": step.sequence, "age": _told(step.age)}
     for name, state in (("pan", step.pan), ("object", step.object)):
         if state is not None:
-            message[name] = np.atleast_2d(state).tolist()
+            message[name] = [[_told(value) for value in row] for row in np.atleast_2d(state).tolist()]
     return json.dumps(message, allow_nan=False)
 
 
+def _told(value: float) -> float | None:
+    """Return a number as JSON has it: null where it is none."""
+    return value if math.isfinite(value) else None
+
+
 def _chunk(document: Any) -> Chunk:
-    parts = fields(document, "", ("sequence", "status", "acceleration", "brake"))
+    parts = fields(document, "", ("sequence", "status", "acceleration", "brake"), ("refused",))
     if parts["status"] not in tuple(StreamStatus):
         raise InputError("there is no such status")
     rows = table(parts["acceleration"], "acceleration", AXES), table(parts["brake"], "brake", AXES)

@@ -32,7 +32,7 @@ LEAST_KINETIC = 0.01
 STATIC_SPREAD, KINETIC_SPREAD = 0.6, 0.1
 """How far the frictions may be from what was told (standard deviation; of the static one, of its logarithm)."""
 
-KINETIC_DRIFT, VELOCITY_DRIFT, POSITION_DRIFT = 0.03, 0.02, 0.0005
+KINETIC_DRIFT, VELOCITY_DRIFT, POSITION_DRIFT = 0.008, 0.02, 0.0005
 """How far friction, velocity (m/s) and position (m) may leave the law in a second (standard deviations): no pan moves
 quite as it is told, and none is equally rough everywhere."""
 

@@ -22,9 +22,11 @@ from server.problems import Problem
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Pair = tuple[Finite, Finite]
-Row = tuple[Finite, Finite, Finite, Finite]
-Rows = Annotated[list[Row], FailFast()]
-PanRows = Annotated[list[Annotated[list[Finite], Field(min_length=4, max_length=6)]], FailFast()]
+Told = float | None
+"""A number that was measured; null, or no finite number, where it is missing."""
+
+SeenRows = Annotated[list[tuple[Told, Told, Told, Told]], FailFast()]
+PanRows = Annotated[list[Annotated[list[Told], Field(min_length=4, max_length=6)]], FailFast()]
 Vector = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=3, description="[x, y] or [x, y, z]")]
 
 Model = TypeVar("Model", bound="Strict")
@@ -165,16 +167,39 @@ class StreamRequest(Options):
     packed: bool = False
 
 
+MOST_READINGS = 256
+"""Most frames, and most encoder readings, that one step tells of."""
+
+
+class FrameRequest(Strict):
+    """Where a camera saw the object; see `Stream.see_object`."""
+
+    position: tuple[Told, Told]
+    age: Told = 0.0
+    executed: int | None = None
+
+
+class EncoderRequest(Strict):
+    """Where the encoders say that the pan was; see `Stream.see_pan`."""
+
+    state: Annotated[list[Told], Field(min_length=4, max_length=6)]
+    age: Told = 0.0
+    executed: int | None = None
+
+
 class StepRequest(Strict):
     """A step as JSON: states (m, m/s), the last C of them or the last one; none where one is missing.
 
-    The object's are [x, y, vx, vy], the pan's [x, y, z, vx, vy, vz], those of a level pan also [x, y, vx, vy].
+    The object's are [x, y, vx, vy], the pan's [x, y, z, vx, vy, vz], those of a level pan also [x, y, vx, vy]. In their
+    place frames of a camera and readings of encoders may be told, with the time they were taken.
     """
 
     sequence: int = Field(ge=0)
-    age: Finite = 0.0
+    age: Told = 0.0
     pan: PanRows = Field([])
-    object: Rows = Field([])
+    object: SeenRows = Field([])
+    frames: Annotated[list[FrameRequest], FailFast()] = Field([], max_length=MOST_READINGS)
+    encoders: Annotated[list[EncoderRequest], FailFast()] = Field([], max_length=MOST_READINGS)
     command: CommandRequest | None = None
     start: StartRequest | None = None
 

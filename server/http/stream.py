@@ -60,12 +60,16 @@ class StreamInput(NamedTuple):
     Attributes:
         step: the number of the step, and the states.
         start: where to begin again from.
-        command: what to follow from now on.
+        command: what to follow from now on, or what is wrong with it: then the old one is kept.
+        frames: positions of the object, their ages (s), and how many samples of the chunk were executed by then.
+        encoders: the same of states of the pan.
     """
 
     step: Step
     start: Start | None = None
-    command: Command | None = None
+    command: Command | Problem | None = None
+    frames: tuple[tuple[FloatArray, float, int | None], ...] = ()
+    encoders: tuple[tuple[FloatArray, float, int | None], ...] = ()
 
     def advance(self, stream: Stream) -> Chunk:
         """Advance a stream by a chunk.
@@ -75,8 +79,12 @@ class StreamInput(NamedTuple):
         """
         if self.start is not None:
             stream.reset(self.start)
-        if self.command is not None:
+        if isinstance(self.command, Command):
             stream.retarget(self.command)
+        for frame in self.frames:
+            stream.see_object(*frame)
+        for encoder in self.encoders:
+            stream.see_pan(*encoder)
         sequence, pan, sliding, age = self.step
         acceleration = stream.step(_last(pan), _last(sliding), age)
         return Chunk(sequence, acceleration, stream.brake(len(acceleration)), stream.status)
@@ -153,7 +161,7 @@ class Follower:
             reader,
             client,
         )
-        self._settings, self._chunk = service.settings, 0
+        self._settings, self._chunk, self._most = service.settings, 0, 0.0
 
     async def follow(self) -> None:
         """Open the stream and answer its steps until the client leaves.
@@ -178,12 +186,12 @@ class Follower:
         await self._socket.send_text(orjson.dumps(opened).decode())
 
         limit, expected = RateLimit(self._settings.stream_rate), 0
-        most = fastest(job.limits, job.friction)
+        self._most = fastest(job.limits, job.friction)
         while True:
             received = await self._read_input(await self._receive(), limit, axes)
             if received.step.sequence != expected:
                 raise Problem("invalid", f"step {expected} is expected", "sequence")
-            _check_speed(received, most)
+            _check_speed(received, self._most)
             if received.start is not None:
                 stop_samples(job.limits, received.start, job.friction)
             async with self._service.steps.turn(f"{self._client} {id(self)}"):
@@ -193,7 +201,10 @@ class Follower:
             if packed:
                 await self._socket.send_bytes(pack_chunk(chunk))
             else:
-                text = orjson.dumps(chunk._asdict(), option=orjson.OPT_SERIALIZE_NUMPY).decode()
+                document = chunk._asdict()
+                if isinstance(received.command, Problem):
+                    document["refused"] = received.command.to_dict()
+                text = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY).decode()
                 await self._socket.send_text(text)
 
     async def _receive(self) -> str | bytes:
@@ -243,7 +254,7 @@ class Follower:
             return StreamInput(step)
         data = _data(message)
         limit.check()
-        command: Command | None = None
+        command: Command | Problem | None = None
         start: Start | None = None
         if len(data) > SHORT or COMMAND in data:
             request, command, start = await self._read("step", data)
@@ -254,9 +265,26 @@ class Follower:
             start = None if request.start is None else to_start(request.start)
         if {len(row) for row in request.pan} not in ({4}, {6}, set()):
             raise Problem("invalid", "the rows must have 6 numbers each, of a level pan also 4 each", "pan")
-        pan, sliding = (np.array(rows) if rows else None for rows in (request.pan, request.object))
+        pan, sliding = (_readings(rows) if rows else None for rows in (request.pan, request.object))
         _check_rows(self._chunk, pan=pan, object=sliding)
-        return StreamInput(Step(request.sequence, pan, sliding, request.age), start, command)
+        frames = tuple((_readings(each.position), _reading(each.age), each.executed) for each in request.frames)
+        encoders = tuple(
+            (state, _reading(each.age), each.executed)
+            for each in request.encoders
+            if _speed(state := _readings(each.state)) <= self._most
+        )
+        return StreamInput(
+            Step(request.sequence, pan, sliding, _reading(request.age)), start, command, frames, encoders
+        )
+
+
+def _readings(rows: object) -> FloatArray:
+    """Return what was measured; null is missing, which is no number."""
+    return np.array(rows, dtype=np.float64)
+
+
+def _reading(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def along(chunk: Chunk, axes: int) -> Chunk:
@@ -277,12 +305,15 @@ def _check_speed(received: StreamInput, most: float) -> None:
     pan = received.step.pan
     if pan is None or not np.isfinite(pan[-1:]).all():
         return
-    axes = pan.shape[-1] // 2
-    speed = math.hypot(*np.atleast_2d(pan)[-1, axes:])
+    speed = _speed(pan[-1])
     if speed > most:
         raise Problem(
             "invalid", f"a pan of {speed:.3g} m/s needs too long to stop: at most {most:.3g} m/s are taken", "pan"
         )
+
+
+def _speed(state: FloatArray) -> float:
+    return math.hypot(*state[len(state) // 2 :])
 
 
 def _check_rows(chunk: int, **states: FloatArray | None) -> None:

@@ -41,7 +41,7 @@ from server.http.schemas import (
 )
 from server.planning.bounds import stop_samples
 from server.planning.messages import Channel, PlanJob, ReaderOptions, ReadJob, ReadReply, ReadRequest
-from server.problems import Problem
+from server.problems import Problem, for_input
 
 log = logging.getLogger("slide-serve")
 
@@ -118,10 +118,17 @@ def stream(options: ReaderOptions, body: bytes) -> Steps:
 
 
 def step(options: ReaderOptions, body: bytes) -> Steps:
-    """Read a step that carries a command: the Command, and the Start if there is one."""
+    """Read a step that carries a command: the step, the Command or what is wrong with it, the Start if there is one."""
     asked = read(StepRequest, body)
     yield
-    command = None if asked.command is None else to_command(asked.command, options.max_samples, "command")
+    command: Command | Problem | None = None
+    if asked.command is not None:
+        try:
+            command = to_command(asked.command, options.max_samples, "command")
+        except InputError as error:
+            command = for_input(error)
+        except Problem as problem:
+            command = problem
     start: Start | None = None if asked.start is None else to_start(asked.start)
     return asked, command, start
 

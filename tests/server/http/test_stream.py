@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 import sys
 import time
@@ -120,16 +121,16 @@ def test_packed_messages_come_back_the_same() -> None:
         ('{"sequence": 1}', "invalid"),
         ('{"sequence": -1}', "invalid"),
         ('{"sequence": true}', "invalid"),
-        ('{"sequence": 0, "pan": [[0, 0, 0, NaN]]}', "invalid"),
         ('{"sequence": 0, "pan": [[0, 0, 0]]}', "invalid"),
         ('{"sequence": 0, "pan": [[0, 0, 0, 0, 0]]}', "invalid"),
         ('{"sequence": 0, "object": [[0, 0, 0, 0, 0, 0]]}', "invalid"),
         ('{"sequence": 0, "pan": [[0, 0, 0, 0], [0, 0, 0, 0]]}', "invalid"),
         ('{"sequence": 0, "start": {"pan_position": [9, 9]}}', "invalid"),
-        ('{"sequence": 0, "command": {"dt": 0.001, "position": [[0, 0], [0, 0], [1, 0]]}}', "invalid"),
+        ('{"sequence": 0, "frames": [{"position": [0]}]}', "invalid"),
+        ('{"sequence": 0, "frames": [{"position": [0, 0], "executed": 101}]}', "invalid"),
+        ('{"sequence": 0, "encoders": [{"state": [0, 0, 0, 0, 0]}]}', "invalid"),
         (b"", "malformed"),
         (b"\0" * 11, "malformed"),
-        (pack_step(Step(0, np.full(6, np.nan), None)), "malformed"),
         (pack_step(Step(0, np.zeros(6), None)) + b"\0", "malformed"),
         (pack_step(Step(3, np.zeros(6), None)), "invalid"),
     ],
@@ -260,3 +261,48 @@ def test_client_names_what_is_wrong(server: Any) -> None:
         client.plan([[0.0, 0.0], [0.0, np.nan]])
     with pytest.raises(InputError, match="these are not finite"):
         RemoteStream(server.url, np.zeros((5, 2)), limits=NO_LIMITS)
+
+
+def test_what_is_missing_over_the_wire_is_missing_and_ends_nothing(server: Any) -> None:
+    command = {"dt": 0.001, "position": [[0.0, 0.0]] * 600}
+    socket = opened(server, command=command)
+    missing = [
+        '{"sequence": 0, "pan": [[0, 0, 0, null]]}',
+        '{"sequence": 1, "object": [[0, 0, NaN, 0]], "age": null}',
+        '{"sequence": 2, "frames": [{"position": [null, 0]}], "encoders": [{"state": [0, 0, 0, 0], "age": NaN}]}',
+    ]
+    statuses = []
+    for message in missing:
+        socket.send(message)
+        statuses.append(json.loads(socket.recv())["status"])
+    assert statuses == ["following", "predicted", "braking"]
+    packed = opened(server, command=command, packed=True)
+    packed.send(pack_step(Step(0, np.full(6, np.nan), None, math.nan)))
+    assert unpack_chunk(packed.recv()).status is StreamStatus.FOLLOWING
+    packed.send(pack_step(Step(1, np.full(6, np.nan), None)))
+    assert unpack_chunk(packed.recv()).status is StreamStatus.PREDICTED
+
+
+def test_frames_and_encoders_are_taken_with_their_ages(server: Any) -> None:
+    socket = opened(server, command={"dt": 0.001, "position": [[0.0, 0.0]] * 600})
+    stream = server.service.planner.stream(np.zeros((600, 2)))
+    for n in range(4):
+        message: dict[str, Any] = {"sequence": n}
+        if n:
+            message["frames"] = [{"position": [0.001, 0.0], "age": 0.02, "executed": 60}]
+            message["encoders"] = [{"state": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "age": 0.0}]
+            stream.see_object([0.001, 0.0], 0.02, 60)
+            stream.see_pan(np.zeros(6), 0.0)
+        socket.send(json.dumps(message))
+        answer = json.loads(socket.recv())
+        np.testing.assert_array_equal(answer["acceleration"], stream.step())
+        assert answer["status"] == stream.status
+
+
+def test_command_that_cannot_be_followed_leaves_the_old_one_in_place(server: Any) -> None:
+    one, other = (opened(server, command={"dt": 0.001, "position": [[0.0, 0.0]] * 300}) for _ in range(2))
+    one.send('{"sequence": 0, "command": {"dt": 0.001, "position": [[0, 0], [0, 0], [1, 0]]}}')
+    other.send('{"sequence": 0}')
+    answer, expected = json.loads(one.recv()), json.loads(other.recv())
+    assert answer.pop("refused")["place"] == "command.position[2][0]"
+    assert answer == expected
