@@ -15,7 +15,7 @@ import numpy as np
 from runtime.arm.controller import rotation_vector
 from runtime.arm.interface import Measured, ObjectStatus, PanCommand
 from runtime.arms.model import ArmModel, pose_error
-from runtime.arms.motion import follow_plan
+from runtime.arms.motion import HOMING, follow_plan
 from runtime.arms.place import Place
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
@@ -27,9 +27,6 @@ CONVERGED = 1e-9
 
 CORRECTIONS = 12
 """Most Newton steps at one sample: more mean that the arm does not reach the place."""
-
-HOMING = 10.0
-"""How fast a redundant arm turns back to its home, over the square of the pan's speed (s/m^2)."""
 
 HOMING_SPEED = 0.3
 """Largest joint speed on the way home (rad/s)."""
@@ -126,6 +123,8 @@ class JointArm(ABC):
     def _follow(self, position: FloatArray, velocity: FloatArray, ahead: float) -> tuple[FloatArray, FloatArray]:
         """Return joint angles and speeds (n,) for a position and a velocity (3,) of the pan (m, m/s).
 
+        By the same steps as `runtime.arms.motion.follow`, which the joints are checked by.
+
         Raises:
             InputError: the arm does not reach the place.
         """
@@ -135,7 +134,8 @@ class JointArm(ABC):
         for _ in range(CORRECTIONS):
             at, rotation, jacobian = self.model.pan(angle)
             error = pose_error(target, attitude, at, rotation)
-            inverse = np.linalg.pinv(jacobian)
+            weighted = (jacobian * self.model.weight).T
+            inverse = weighted @ np.linalg.pinv(jacobian @ weighted)
             if np.abs(error).max() < CONVERGED:
                 break
             angle = angle + inverse @ error

@@ -223,6 +223,9 @@ class ArmModel:
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
         mujoco.mj_makeM(self.model, data)
-        matrix = np.zeros((self.model.nv, self.model.nv))
-        mujoco.mj_fullM(self.model, data, matrix)
+        matrix = np.empty((self.model.nv, self.model.nv))
+        for row, unit in zip(
+            matrix, np.eye(self.model.nv), strict=True
+        ):  # mj_fullM is another one in mujoco 4 than in 3
+            mujoco.mj_mulM(self.model, data, row, unit)
         return matrix

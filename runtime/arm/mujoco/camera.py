@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import weakref
 from itertools import pairwise
 from typing import Any, Protocol
@@ -69,7 +70,8 @@ class MujocoCamera:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         freeing = weakref.finalize(self, _free, self._gl, self._context)
-        freeing.atexit = False  # at the end of the process the display goes before it
+        freeing.atexit = False
+        atexit.register(freeing)  # after the display's own, so that it runs before it
         self._scene = mujoco.MjvScene(model, MAX_SHAPES)
         self._options = mujoco.MjvOption()
         self._view = mujoco.MjvCamera()
