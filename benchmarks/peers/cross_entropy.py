@@ -17,15 +17,16 @@ from benchmarks.peers.objective import (
     HORIZON,
     KNOT,
     REPLAN,
+    WIDTH,
     SamplingPlanner,
-    bounded,
+    bound,
+    execute,
     held_command,
     move,
     price_of_change,
 )
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import GRAVITY
 
 ELITE_SHARE = 0.05
 """Share of the candidates to which mean and spread are fitted."""
@@ -45,13 +46,14 @@ class CrossEntropy(SamplingPlanner):
     def plan(self, position: FloatArray, friction: Friction) -> FloatArray:
         """Plan one command."""
         samples = len(position)
-        u = np.empty((samples + KNOT * REPLAN, 2))
+        u = np.empty((samples + KNOT * REPLAN, self.axes))
         elites = max(int(ELITE_SHARE * self.candidates), 4)
         _plan(
             held_command(position),
             samples,
-            friction.static * GRAVITY,
-            friction.kinetic * GRAVITY,
+            friction.static,
+            friction.kinetic,
+            self.bounds,
             self.candidates,
             self.iterations,
             elites,
@@ -68,41 +70,43 @@ def _price(
     knots: Any,
     command: Any,
     first: int,
-    static_limit: float,
-    kinetic_limit: float,
+    static: float,
+    kinetic: float,
+    bounds: Any,
     state: Any,
     ceiling: float,
 ) -> float:
     """Price one candidate from the state `start`; infinite from `ceiling` on. `state` is overwritten."""
     state[:] = start
     price = 0.0
-    last_x, last_y = before
+    last = before
     for knot in range(HORIZON):
-        ux, uy = knots[knot]
-        price += price_of_change(ux, uy, last_x, last_y)
-        price += move(state, ux, uy, command, first + KNOT * knot, static_limit, kinetic_limit)
-        last_x, last_y = ux, uy
+        u = knots[knot]
+        price += price_of_change(u, last)
+        price += move(state, u, command, first + KNOT * knot, static, kinetic, bounds)
+        last = u
         if price >= ceiling:
             return np.inf
     return price
 
 
 @numba.njit  # type: ignore[untyped-decorator]
-def _draw(mean: Any, spread: Any, knots: Any) -> None:
+def _draw(mean: Any, spread: Any, bounds: Any, axes: int, knots: Any) -> None:
     """Draw one candidate and bound it."""
     for knot in range(HORIZON):
-        knots[knot] = bounded(
-            mean[knot, 0] + spread[knot, 0] * np.random.standard_normal(),  # noqa: NPY002 (numba has no Generator here)
-            mean[knot, 1] + spread[knot, 1] * np.random.standard_normal(),  # noqa: NPY002
-        )
+        for axis in range(axes):
+            drawn = np.random.standard_normal()  # noqa: NPY002 (numba has no Generator here)
+            knots[knot, axis] = mean[knot, axis] + spread[knot, axis] * drawn
+        bound(knots[knot], bounds)
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]
 def _plan(
     command: Any,
     samples: int,
-    static_limit: float,
-    kinetic_limit: float,
+    static: float,
+    kinetic: float,
+    bounds: Any,
     candidates: int,
     iterations: int,
     elites: int,
@@ -111,21 +115,22 @@ def _plan(
 ) -> None:
     """Plan a whole command into `u`, replanning as time goes on."""
     np.random.seed(seed)  # noqa: NPY002
-    state, scratch = np.zeros(8), np.zeros(8)
-    before = np.zeros(2)
-    mean = np.zeros((HORIZON, 2))
-    spread = np.full((HORIZON, 2), FRESH_SPREAD)
-    knots = np.empty((candidates, HORIZON, 2))
+    axes = u.shape[1]
+    state, scratch = np.zeros(WIDTH), np.zeros(WIDTH)
+    before = np.zeros(3)
+    mean = np.zeros((HORIZON, 3))
+    spread = np.full((HORIZON, 3), FRESH_SPREAD)
+    knots = np.zeros((candidates, HORIZON, 3))
     elite, elite_costs = np.zeros(elites, np.int64), np.empty(elites)
     for first in range(0, samples, KNOT * REPLAN):
         best = mean.copy()
-        lowest = _price(state, before, best, command, first, static_limit, kinetic_limit, scratch, np.inf)
+        lowest = _price(state, before, best, command, first, static, kinetic, bounds, scratch, np.inf)
         for iteration in range(iterations):
             elite_costs[:] = np.inf
             worst = 0  # of the elite so far; who costs more need not be rolled out to the end
             for candidate in range(candidates):
                 if candidate > 0 or iteration == 0:  # the best so far stays among the candidates
-                    _draw(mean, spread, knots[candidate])
+                    _draw(mean, spread, bounds, axes, knots[candidate])
                 else:
                     knots[candidate] = best
                 cost = _price(
@@ -134,8 +139,9 @@ def _plan(
                     knots[candidate],
                     command,
                     first,
-                    static_limit,
-                    kinetic_limit,
+                    static,
+                    kinetic,
+                    bounds,
                     scratch,
                     elite_costs[worst],
                 )
@@ -147,13 +153,11 @@ def _plan(
                 lowest = elite_costs[cheapest]
                 best = knots[elite[cheapest]].copy()
             for knot in range(HORIZON):
-                for axis in range(2):
+                for axis in range(axes):
                     mean[knot, axis] = knots[elite, knot, axis].mean()
                     spread[knot, axis] = knots[elite, knot, axis].std()
         for knot in range(REPLAN):
-            begin = first + KNOT * knot
-            u[begin : begin + KNOT] = best[knot]
-            move(state, best[knot, 0], best[knot, 1], command, begin, static_limit, kinetic_limit)
+            execute(state, best[knot], command, first + KNOT * knot, static, kinetic, bounds, u)
         before[:] = best[REPLAN - 1]
         mean[: HORIZON - REPLAN] = best[REPLAN:]
         mean[HORIZON - REPLAN :] = best[HORIZON - 1]

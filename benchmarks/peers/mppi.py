@@ -19,7 +19,6 @@ from torch import Tensor
 from benchmarks.peers import objective
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import GRAVITY
 
 TEMPERATURE = 1e-5
 """What a price is divided by in a candidate's weight exp(-price/temperature), in the prices' own unit."""
@@ -27,8 +26,8 @@ TEMPERATURE = 1e-5
 SPREAD = 2.0
 """Standard deviation of the perturbations (m/s^2)."""
 
-WIDTH = 11
-"""Numbers in a state: eight of pan and object, two of the acceleration before, and the price of the last knot."""
+WIDTH = objective.WIDTH + 4
+"""Numbers in a state: those of the objective, three of the knot before, and the price of the last knot."""
 
 
 class PathIntegral(objective.SamplingPlanner):
@@ -38,9 +37,9 @@ class PathIntegral(objective.SamplingPlanner):
 
     def plan(self, position: FloatArray, friction: Friction) -> FloatArray:
         """Plan one command."""
-        law = _Law(objective.held_command(position), friction)
+        law = _Law(objective.held_command(position), friction, self.bounds)
         samples = len(position)
-        u = np.empty((samples + objective.KNOT * objective.REPLAN, 2))
+        u = np.empty((samples + objective.KNOT * objective.REPLAN, self.axes))
         with torch.random.fork_rng(devices=[]), torch.no_grad():
             torch.manual_seed(self.seed)
             controller = self._controller(law)
@@ -57,12 +56,12 @@ class PathIntegral(objective.SamplingPlanner):
             law.step,
             law.price,
             nx=WIDTH,
-            noise_sigma=SPREAD**2 * torch.eye(2, dtype=torch.float64),
+            noise_sigma=SPREAD**2 * torch.eye(self.axes, dtype=torch.float64),
             num_samples=self.candidates,
             horizon=objective.HORIZON,
             lambda_=TEMPERATURE,
-            u_max=torch.full((2,), objective.ACCELERATION, dtype=torch.float64),
-            U_init=torch.zeros(objective.HORIZON, 2, dtype=torch.float64),
+            u_max=torch.full((self.axes,), float(self.bounds[0]), dtype=torch.float64),
+            U_init=torch.zeros(objective.HORIZON, self.axes, dtype=torch.float64),
             step_dependent_dynamics=True,
         )
 
@@ -75,16 +74,16 @@ class _Law:
         state: (WIDTH,) where pan and object are then.
     """
 
-    def __init__(self, command: FloatArray, friction: Friction) -> None:
+    def __init__(self, command: FloatArray, friction: Friction, bounds: FloatArray) -> None:
         self.first = 0
         self.state = np.zeros(WIDTH)
         self._command = command
-        self._limits = friction.static * GRAVITY, friction.kinetic * GRAVITY
+        self._law = friction.static, friction.kinetic, bounds
 
     def step(self, states: Tensor, u: Tensor, knot: int) -> Tensor:
-        """Move (n, WIDTH) states by (n, 2) accelerations through the knot of that number in the horizon."""
+        """Move (n, WIDTH) states by (n, axes) accelerations through the knot of that number in the horizon."""
         moved = states.numpy().copy()
-        _move_all(moved, u.numpy(), self._command, self.first + objective.KNOT * knot, *self._limits)
+        _move_all(moved, u.numpy(), self._command, self.first + objective.KNOT * knot, *self._law)
         return torch.from_numpy(moved)
 
     def price(self, states: Tensor, u: Tensor, knot: int) -> Tensor:
@@ -92,19 +91,25 @@ class _Law:
         return states[:, -1]
 
     def execute(self, knots: FloatArray, u: FloatArray) -> None:
-        """Move the state by the first knots of a plan, (n, 2), and write their samples into `u`."""
-        for knot, (ux, uy) in enumerate(knots):
+        """Move the state by the first knots of a plan, (n, axes), and write their samples into `u`."""
+        for knot, asked in enumerate(knots):
+            target = np.zeros(3)
+            target[: len(asked)] = asked
+            objective.bound(target, self._law[2])
             begin = self.first + objective.KNOT * knot
-            u[begin : begin + objective.KNOT] = objective.bounded(ux, uy)
-            _move_all(self.state[None], u[None, begin], self._command, begin, *self._limits)
+            objective.execute(self.state, target, self._command, begin, *self._law, u)
+            self.state[13:16] = target
 
 
 @numba.njit  # type: ignore[untyped-decorator]
-def _move_all(states: Any, u: Any, command: Any, first: int, static_limit: float, kinetic_limit: float) -> None:
+def _move_all(states: Any, u: Any, command: Any, first: int, static: float, kinetic: float, bounds: Any) -> None:
     """Move states (n, WIDTH) in place, each by its own acceleration, and leave the price in the last column."""
+    target = np.zeros(3)
     for row in range(len(states)):
         state = states[row]
-        ux, uy = objective.bounded(u[row, 0], u[row, 1])
-        price = objective.price_of_change(ux, uy, state[8], state[9])
-        state[10] = price + objective.move(state, ux, uy, command, first, static_limit, kinetic_limit)
-        state[8], state[9] = ux, uy
+        target[:] = 0.0
+        target[: u.shape[1]] = u[row]
+        objective.bound(target, bounds)
+        price = objective.price_of_change(target, state[13:16])
+        state[16] = price + objective.move(state, target, command, first, static, kinetic, bounds)
+        state[13:16] = target

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
@@ -14,17 +15,26 @@ from benchmarks.harness.section import NAME, Measured, Section, Subject, at_leas
 from benchmarks.harness.tables import table
 from benchmarks.harness.targets import Verdict
 from benchmarks.harness.timing import one_torch_thread
+from benchmarks.suite import pans
 from benchmarks.suite.families import spline
 from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, one_by_one, plan_family
+from benchmarks.suite.pans import Task, cannot_slide, tasks
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM, say
 from runtime.documents.checks import FloatArray
 from runtime.documents.options import option
 from runtime.errors import MissingExtraError, extra
 from runtime.friction import Friction
+from runtime.planner import Planner
+
+if TYPE_CHECKING:  # numba compiles it
+    from benchmarks.peers.objective import SamplingPlanner
 
 PROBE = 400
 """Samples of the command by which a planner's speed is estimated; the first ones, nearly at rest, cost less."""
+
+SOFT = PAN_REACH / 0.2
+"""Times its limit up to which a pan counts as within its reach: the optimizers' limit is a price."""
 
 DEFAULT_FAMILIES = tuple(name for name in FAMILIES if name != "friction")
 
@@ -39,6 +49,7 @@ class PeersSettings:
         candidates: drawn in an iteration.
         iterations: in a planning.
         no_mppi: leave path integral control out.
+        limits: names of pans, whose tasks (`benchmarks.suite.pans`) are planned in the place of the suite.
     """
 
     family: tuple[str, ...] = option("Family of the suite, or letters; may be repeated.", DEFAULT_FAMILIES, "NAME")
@@ -46,6 +57,7 @@ class PeersSettings:
     candidates: int = option("The optimizers' candidates in an iteration.", 512, "N")
     iterations: int = option("The optimizers' iterations in a planning.", 20, "N")
     no_mppi: bool = option("Leave out path integral control (pytorch-mppi).", False)
+    limits: tuple[str, ...] = option("Only within the limits of this pan; may be repeated.", (), "NAME|all")
 
     def __post_init__(self) -> None:
         at_least(1, commands=self.commands, iterations=self.iterations)
@@ -87,6 +99,8 @@ def measure_peers(subject: Subject, settings: PeersSettings) -> Measured:
         InputError: there is no family of that name.
         MissingExtraError: numba is not installed.
     """
+    if settings.limits:
+        return within_limits(subject.planner, settings)
     families = list(suite(settings.family, settings.commands).values())
     effort = settings.candidates, settings.iterations
     planners: dict[str, PlanFunction] = {subject.planner.bundle.manifest.name: one_by_one(subject.planner)}
@@ -116,6 +130,79 @@ def measure_peers(subject: Subject, settings: PeersSettings) -> Measured:
                 network = network or timed.cpu  # the network is the first
                 rows.append(summary(name, outcome, timed.cpu, network))
     return Measured(Peers(tuple(rows)), notes)
+
+
+def within_limits(planner: Planner, settings: PeersSettings) -> Measured:
+    """Plan the tasks of pans with the network and with optimizers, all of them within the same limits.
+
+    Raises:
+        InputError: there is no pan of that name.
+        MissingExtraError: numba, or for path integral control its library, is not installed.
+    """
+    effort = {"candidates": settings.candidates, "iterations": settings.iterations}
+    with extra("refine"):
+        from benchmarks.peers.cross_entropy import CrossEntropy
+    kinds: list[type[SamplingPlanner]] = [CrossEntropy]
+    if not settings.no_mppi:
+        with extra("dev"):
+            from benchmarks.peers.mppi import PathIntegral
+        kinds.append(PathIntegral)
+    rows: list[Row] = []
+    with one_torch_thread():
+        for level in tasks(settings.limits, settings.family):
+            for task in (level, level.lifting()):
+                if cannot_slide(task):
+                    continue
+                network = network_within(planner, task)
+                planners = {planner.bundle_for(task.limits).manifest.name: network}
+                peers = [kind(limits=task.limits, **effort) for kind in kinds]
+                planners |= {peer.name: peer for peer in peers}
+                own = 0.0
+                for name, plan in planners.items():
+                    say(NAME, f"peers: {title_of(task)}: {name}")
+                    rows.append(row_within(task, name, plan, settings.commands, own))
+                    own = own or rows[-1].cpu
+    return Measured(Peers(tuple(rows)))
+
+
+def title_of(task: Task) -> str:
+    """Return what a task is called for a person, and whether its pan lifts."""
+    return task.title if task.limits.level else f"{task.title}, lifting"
+
+
+def network_within(planner: Planner, task: Task) -> PlanFunction:
+    """Return the network as a plan function within a task's limits, one command at a time."""
+
+    def plan(positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
+        return [
+            planner.plan(position, friction, limits=task.limits).pan_acceleration
+            for position, friction in zip(positions, frictions, strict=True)
+        ]
+
+    return plan
+
+
+def row_within(task: Task, name: str, plan: PlanFunction, commands: int | None, network: float) -> Row:
+    """Plan a task's commands and sum up what they lead to; `network` is the network's time per plan, 0 for its own."""
+    positions = task.positions(commands)
+    plan([positions[0][:PROBE]], [task.friction])  # what is compiled is compiled
+    timed = Timed(plan)
+    planned = timed(positions, [task.friction] * len(positions))
+    each = [pans.summary([position], [u], task.friction) for position, u in zip(positions, planned, strict=True)]
+    cpu = timed.cpu / len(positions)
+    return Row(
+        family=title_of(task),
+        planner=name,
+        commands=len(positions),
+        tracking_mean=float(np.mean([found.tracking_mean for found in each])),
+        tracking_max=max(found.tracking_max for found in each),
+        pan_reach_max=max(found.pan_reach for found in each),
+        within=float(np.mean([found.pan_reach <= SOFT * task.limits.pan_reach for found in each])),
+        change_mean=float(np.mean([np.linalg.norm(np.diff(u, axis=0), axis=1).mean() for u in planned])),
+        cpu=cpu,
+        times=cpu / (network or cpu),
+        speed=sum(map(len, positions)) / timed.cpu,
+    )
 
 
 def seconds_per_sample(plan: PlanFunction) -> float:

@@ -8,8 +8,10 @@ import pytest
 from benchmarks.peers.cross_entropy import CrossEntropy
 from benchmarks.peers.objective import ACCELERATION
 from benchmarks.suite.outcome import plan_family
+from benchmarks.suite.pans import summary
 from benchmarks.suite.suite import suite
-from runtime import Friction
+from runtime import Friction, Limits
+from runtime.limits import LARGEST_SINK
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +41,17 @@ def test_plan_is_the_same_from_the_same_seed_whatever_the_length(spline):
     assert one.shape == (777, 2)
     assert np.array_equal(one, two)
     assert not np.array_equal(one, CrossEntropy(32, 2, seed=1).plan(position, friction))
+
+
+@pytest.mark.parametrize("limits", [Limits.named("panda"), Limits(acceleration=13.0, jerk=6_500.0)])
+def test_plan_keeps_the_limits_that_it_is_given(spline, limits):
+    planner = CrossEntropy(64, 4, limits=limits)
+    friction = Friction(0.5, 0.3)
+    u = planner.plan(spline.positions[0][:600], friction)
+    found = summary([spline.positions[0][:600]], [u], friction)
+    assert u.shape == (600, 2 if limits.level else 3)
+    assert found.acceleration <= limits.acceleration * (1 + 1e-9)
+    assert found.jerk <= limits.jerk * (1 + 1e-9)
+    assert found.speed < 1.1 * limits.speed
+    assert found.tracking_mean < 0.02
+    assert u[:, 2:].min(initial=0.0) >= -LARGEST_SINK - 1e-9

@@ -27,3 +27,11 @@ def test_path_integral_control_can_be_left_out(tiny_bundle: Path) -> None:
     settings = PeersSettings(family=("short",), commands=1, candidates=8, iterations=1, no_mppi=True)
     figures, _ = SECTION.measure(Subject.load(tiny_bundle), settings)
     assert [row.planner for row in figures.rows] == ["tiny", "CEM 8 x 1"]
+
+
+def test_planners_are_measured_within_the_limits_of_a_pan(tiny_bundle: Path) -> None:
+    settings = PeersSettings(family=("spline",), commands=1, candidates=8, iterations=1, limits=("small",))
+    figures, _ = SECTION.measure(Subject.load(tiny_bundle), settings)
+    assert [row.family for row in figures.rows[::3]] == ["small 1/0.5 spline", "small 1/0.5 spline, lifting"]
+    assert [row.planner.split()[0] for row in figures.rows[:3]] == ["tiny", "CEM", "MPPI"]
+    assert all(row.tracking_mean > 0.0 and row.cpu > 0.0 for row in figures.rows)

@@ -59,14 +59,17 @@ def test_remote_stream_gives_what_a_stream_in_the_process_gives(
     planner = Planner()
     own = planner.stream(position, friction, limits=Limits(jerk=8000.0))
     with RemoteStream(server.url, position, friction, limits=Limits(jerk=8000.0), packed=packed) as remote:
-        assert remote.model == {"name": planner.bundle.manifest.name, "sha256": planner.bundle.sha256}
-        pan, sliding = np.zeros((100, 6)), np.tile([*position[0], 0.0, 0.0], (100, 1))
+        bundle = planner.bundle_for(Limits(jerk=8000.0))
+        assert remote.model == {"name": bundle.manifest.name, "sha256": bundle.sha256}
+        chunk = own.chunk
+        assert remote.chunk == chunk
+        pan, sliding = np.zeros((chunk, 6)), np.tile([*position[0], 0.0, 0.0], (chunk, 1))
         for _ in range(5):
             expected, got = own.step(pan, sliding), remote.step(pan, sliding)
             assert np.abs(got - expected).max() <= tolerance * 30.0
             assert remote.last is not None
             assert remote.last.status is own.status is StreamStatus.FOLLOWING
-            assert np.abs(remote.last.brake - own.brake(100)).max() <= tolerance * 30.0
+            assert np.abs(remote.last.brake - own.brake(chunk)).max() <= tolerance * 30.0
             pan = integrate_pan(pan[-1], expected)
             sliding = slide_one(sliding[-1], expected, friction)
 
