@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.section import Measured, Section, Subject
+from benchmarks.harness.section import Measured, Section, Subject, at_least
 from benchmarks.harness.tables import targets_table
 from benchmarks.harness.targets import COUNT, MEGABYTES, MILLISECONDS, TIMES, Target, Unit, Verdict
 from benchmarks.harness.timing import environment_with_runtime
 from benchmarks.suite.families import SAMPLES, spline
+from runtime.cli.plan_many import COMPILED_FROM
 from runtime.documents.options import option
 from runtime.errors import SlideError, extra
 
@@ -103,9 +104,11 @@ def measure_bulk(subject: Subject, settings: BulkSettings) -> Measured:
     """Measure many commands.
 
     Raises:
+        InputError: there are so few commands that not both inputs are planned with numba's law.
         MissingExtraError: pyarrow is not installed.
         SlideError: `slide-plan-many` failed.
     """
+    at_least(SMALLER * COMPILED_FROM, total=settings.total)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         smaller = settings.total // SMALLER

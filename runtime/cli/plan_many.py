@@ -24,7 +24,7 @@ from runtime.many.workers import plan_shards
 from runtime.network.bundle import Bundle
 from runtime.outputs.parquet_file import check_parquet
 from runtime.physics.compiled import compiler
-from runtime.planner import DEFAULT_BUNDLE
+from runtime.planner import DEFAULT_BUNDLE, GENERAL_BUNDLE
 
 NAME = "slide-plan-many"
 
@@ -89,12 +89,12 @@ def slide_plan_many(
     if lerobot is not None:
         check_new(lerobot)
     found = open_source(source)
-    bundle = Bundle.load(DEFAULT_BUNDLE if model is None else model)
-    manifest = bundle.manifest
+    bundles = [Bundle.load(each) for each in ((DEFAULT_BUNDLE, GENERAL_BUNDLE) if model is None else (model,)) if each]
+    manifest = bundles[0].manifest
     task = Task(
         folder=output,
-        bundle=bundle.path,
-        sha256=bundle.sha256,
+        bundle=None if model is None else bundles[0].path,
+        sha256=tuple(bundle.sha256 for bundle in bundles),
         reading=reading,
         friction=chosen(friction, manifest.friction),
         limits=limits.chosen(manifest.limits),

@@ -67,8 +67,8 @@ class Task:
 
     Attributes:
         folder: where the shards are written.
-        bundle: the bundle's folder.
-        sha256: of its manifest.
+        bundle: the bundle's folder; None for the shipped ones, as for `Planner`.
+        sha256: of the manifests of the bundles that plan.
         reading: what the commands' numbers mean.
         friction, limits, sizes: where a command brings none of its own.
         tolerance: as for `Planner.plan`.
@@ -77,8 +77,8 @@ class Task:
     """
 
     folder: Path
-    bundle: Path
-    sha256: str
+    bundle: Path | None
+    sha256: tuple[str, ...]
     reading: Reading
     friction: Friction
     limits: Limits
@@ -115,10 +115,18 @@ class Failure:
 
 
 @lru_cache(maxsize=1)
-def planner_of(bundle: Path, sha256: str, compiled: bool) -> Planner:
-    """Return this process's planner; loads it at the first call, and compiles the law where that is asked for."""
+def planner_of(bundle: Path | None, sha256: tuple[str, ...], compiled: bool) -> Planner:
+    """Return this process's planner; loads it at the first call, and compiles the law where that is asked for.
+
+    Raises:
+        BundleError: it is not of these hashes.
+    """
     compile_law(compiled)
-    return Planner(bundle, sha256=sha256)
+    planner = Planner(bundle)
+    found = tuple(each.sha256 for each in (planner.bundle, planner.general) if each is not None)
+    if found != sha256:
+        raise BundleError(f"{planner.bundle.path}: sha256 is {', '.join(found)}, it must be {', '.join(sha256)}")
+    return planner
 
 
 def plan_shard(task: Task, shard: Shard) -> Done:

@@ -143,6 +143,17 @@ def test_limits_of_a_row_hold_for_its_plan(many: Many, bundle_path: Path, tmp_pa
     assert held["acceleration_max"] <= 5.0 + 1e-9 < loose["acceleration_max"]
 
 
+def test_each_row_is_planned_by_the_shipped_network_for_its_limits(many: Many, tmp_path: Path) -> None:
+    path, named = tmp_path / "a.parquet", [None, "panda"]
+    parquet.write_table(pyarrow.table({"position": [curve(1).tolist()] * 2, "limits": named}), path)
+    many(path, "-o", tmp_path / "plans")
+    planner = Planner()
+    made = [planner.plan(curve(1), limits=name and Limits.named(name)) for name in named]
+    assert len({plan.model_name for plan in made}) == 2
+    for row, plan in zip(rows(tmp_path / "plans"), made, strict=True):
+        np.testing.assert_allclose(row["pan_acceleration"], plan.pan_acceleration, atol=1e-3)
+
+
 def test_schema_that_does_not_fit_leaves_no_folder(many: Many, tmp_path: Path) -> None:
     parquet.write_table(pyarrow.table({"pose": [1.0]}), tmp_path / "a.parquet")
     code, _, err = many(tmp_path / "a.parquet", "-o", tmp_path / "plans")
