@@ -60,8 +60,10 @@ bench: $(VENV)/dev.stamp ## accuracy, speed, control, refinement, long commands 
 bench-server: $(VENV)/dev.stamp ## the server under load, beside its targets
 	$(BIN)/slide-bench server
 
-soak: $(VENV)/dev.stamp ## the same for half an hour, and 200 examples an operation of the OpenAPI document
+soak: $(VENV)/dev.stamp ## the same for half an hour, longer attacks, and 200 examples an operation of the API
 	SLIDE_EXAMPLES=200 $(BIN)/python -m pytest tests/server/http/test_openapi.py --timeout 7200
+	SLIDE_ATTACKERS=1100 SLIDE_ATTACK_SECONDS=60 $(BIN)/python -m pytest tests/server/test_attacks.py \
+		tests/server/http/test_connections.py --timeout 7200
 	$(BIN)/slide-bench server --soak
 
 clean: ## remove the environment and what was built

@@ -16,6 +16,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from server.http.connections import most_connections
+
 from ..conftest import process, wait_for
 
 MANY = int(os.environ.get("SLIDE_ATTACKERS", "60"))
@@ -48,6 +50,9 @@ UPGRADES = {
     ),
     "half a header": upgrade()[:-4],
 }
+
+
+most_connections(MANY + 100)  # which both ends of each need a descriptor for
 
 
 def opened(server: Any) -> socket.socket:
