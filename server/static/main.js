@@ -58,8 +58,9 @@ const asked = () => Object.fromEntries(SLIDERS.map((id) => [id, valueOf(id)]));
 function requestNow() {
   if (!draft.command) return null;
   const friction = { static: valueOf("static"), kinetic: valueOf("kinetic") };
+  const limits = $("limits").value && { limits: JSON.parse($("limits").value) };
   const exact = draft.given ? { dt: DT, position: draft.command.positions } : commandDocument(draft.command.positions);
-  return { command: exact, friction };
+  return { command: exact, friction, ...limits };
 }
 
 /** Work out the command again, and show it. */
@@ -217,6 +218,7 @@ async function findPlanner() {
   const info = await requestInfo();
   const own = info ? null : await localPlanner(say);
   planning.mayAsk(info?.settings);
+  $("limits-row").hidden = own !== null;  // the page's own planner has the limits of its model
   takeFrom((info ?? own?.info)?.model);
   for (const part of [$("file").parentElement, $("interface")]) part.hidden = own !== null;
   return own;
@@ -293,6 +295,7 @@ function listen() {
       change();
     });
   }
+  $("limits").addEventListener("input", change);
   $("controls").addEventListener("submit", (event) => {
     event.preventDefault();
     plan();

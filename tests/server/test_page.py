@@ -205,7 +205,7 @@ def test_everything_can_be_done_from_the_keyboard_and_the_focus_is_seen(
         assert page.evaluate(outline) == "solid", seen
         if seen[-1] == "speed":
             page.keyboard.press("ArrowRight")
-    assert seen == [*EXAMPLES, "file", "share", "pan", "speed", "static", "kinetic", "plan"]
+    assert seen == [*EXAMPLES, "file", "share", "pan", "speed", "static", "kinetic", "limits", "plan"]
     assert page.inner_text("#speed-value") == "0.45 m/s"
     page.keyboard.press("Enter")
     settle(page)
@@ -224,6 +224,19 @@ def test_path_drawn_with_the_keys_is_planned_by_enter(server: Any, open_page: Ca
         page.keyboard.press(key)
     settle(page)
     assert page.inner_text("#summary").startswith("3 cm in")
+
+
+def test_limits_of_an_arm_are_chosen_and_the_height_is_shown(server: Any, open_page: Callable[..., Page]) -> None:
+    page = open_page(server.url)
+    draw(page)
+    page.wait_for_selector("#limits-row:not([hidden])")
+    page.select_option("#limits", label="Panda, lifts by 100 mm")
+    page.fill("#static", "0.5")
+    page.fill("#kinetic", "0.3")
+    assert plan(page)["limits"] == {"name": "panda"}
+    figures = page.locator("#figures tbody tr").all_inner_texts()
+    assert any(re.fullmatch(r"Pan speed m/s\t[\d.]+\t1\.70\t[\d.]+", row) for row in figures), figures
+    assert any(row.startswith("Pan height mm\t") and "\t100\t" in row for row in figures)
 
 
 def test_friction_at_rest_is_never_less_than_while_sliding(server: Any, open_page: Callable[..., Page]) -> None:
