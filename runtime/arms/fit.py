@@ -15,7 +15,7 @@ import numpy as np
 
 from runtime.arms.description import HAND_LIMITS
 from runtime.arms.model import ArmModel
-from runtime.arms.motion import JointMotion, follow_plan
+from runtime.arms.motion import ROUNDING, JointMotion, follow_plan
 from runtime.arms.place import Place, around, strength
 from runtime.command import Command
 from runtime.errors import InputError
@@ -37,6 +37,9 @@ ROUNDS = 8
 SPARE = 0.97
 """Share of a limit that is aimed at."""
 
+TORQUE_SHARE = 0.85
+"""Share of a joint's torque that a plan may take: a controller needs the rest to hold the pan on its path."""
+
 STRETCHES = tuple(2.0 ** (step / 4.0) for step in range(1, 13))
 """How many times a command is slowed down, in turn: 1.19, 1.41, ... 8."""
 
@@ -49,7 +52,7 @@ NARROWER = 0.85
 NEAR = 0.03
 """Share by which limits that hold and limits that do not are as good as one."""
 
-TOLERANCE = 3e-3
+TOLERANCE = 2e-3
 """Tracking RMSE that a stretched command must come to where no tolerance is given (m)."""
 
 MakePlan = Callable[[Command, Limits], Plan]
@@ -155,7 +158,7 @@ def fit(
         return replace(fitted, stretch=factor)
 
     def good(fitted: Fitted) -> bool:
-        return fitted.holds and fitted.plan.quality.tracking_rmse <= within
+        return not _beyond(fitted) and fitted.plan.quality.tracking_rmse <= within
 
     best = tried(1.0)
     if stretch and not good(best):
@@ -208,7 +211,7 @@ def _tighten(
         fitted = Fitted(plan, command, joints, limits, 1.0, 1)
         tries.append(fitted)
         error = plan.quality.tracking_rmse
-        if fitted.holds:
+        if not _beyond(fitted):
             if error <= within or loose is None or loose.acceleration < (1.0 + NEAR) * limits.acceleration:
                 break
             means = {name: math.sqrt(getattr(limits, name) * getattr(loose, name)) for name in HAND_LIMITS}
@@ -229,13 +232,12 @@ def _tightened(limits: Limits, fitted: Fitted) -> Limits:
     """Return limits smaller by what is passed: of the pan's acceleration for torques, else of the same quantity."""
     share = dict.fromkeys(HAND_LIMITS, 1.0)
     reach = 1.0
-    for peak in fitted.joints.exceeded:
-        quantity = "acceleration" if peak.quantity == "torque" else peak.quantity
-        assert peak.share is not None
+    for quantity, beyond in _beyond(fitted):
         if quantity == "angle":
-            reach = max(reach, peak.share)
+            reach = max(reach, beyond)
         else:
-            share[quantity] = max(share[quantity], peak.share)
+            limited = "acceleration" if quantity == "torque" else quantity
+            share[limited] = max(share[limited], beyond)
     came_to = {"speed": _speed(fitted.plan), "acceleration": _acceleration(fitted.plan), "jerk": _jerk(fitted.plan)}
     new = {
         name: min(getattr(limits, name), came_to[name]) * SPARE / share[name]
@@ -264,9 +266,19 @@ def _jerk(plan: Plan) -> float:
     return float(np.linalg.norm(np.diff(u, axis=0, prepend=0.0, append=0.0), axis=1).max()) / DT
 
 
+def _beyond(fitted: Fitted) -> list[tuple[str, float]]:
+    """Return what takes more than it may: the quantity, and how many times as much."""
+    found = []
+    for peak in fitted.joints.peaks:
+        most = TORQUE_SHARE if peak.quantity == "torque" else 1.0
+        if peak.share is not None and peak.share > most * (1.0 + ROUNDING):
+            found.append((peak.quantity, peak.share / most))
+    return found
+
+
 def _badness(fitted: Fitted, within: float) -> tuple[float, float]:
-    """Order plans: by the worst joint's share of a limit that is passed, then by what they miss of a tolerance."""
-    passed = max((peak.share or 0.0 for peak in fitted.joints.exceeded), default=0.0)
+    """Order plans: by the worst joint's share of what it may take, if it is more, then by what misses the tolerance."""
+    passed = max((beyond for _, beyond in _beyond(fitted)), default=0.0)
     return passed, max(0.0, fitted.plan.quality.tracking_rmse - within)
 
 

@@ -111,7 +111,7 @@ def test_a_command_is_slowed_down_no_more_than_it_must(fr3: tuple[ArmModel, Plac
     within = pan_limits(*fr3, Limits()).acceleration
     fitted = fit(shaking(4.0 * within), command, *fr3, Limits(), stretch=True)
     assert fitted.holds
-    assert fitted.plan.quality.tracking_rmse <= 3e-3
+    assert fitted.plan.quality.tracking_rmse <= 2e-3
     # Twice the time is a fourth of the acceleration; what holds in this direction is somewhat more than in every one.
     assert 1.4 < fitted.stretch < 2.2
     assert len(fitted.command) == pytest.approx(len(command) * fitted.stretch, abs=2)
