@@ -16,7 +16,7 @@ NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 LARGEST = 200_000
 """Bytes of a notebook, with what it shows."""
 
-SLOW = {"train_a_network"}
+SLOW = {"limits_of_an_arm", "train_a_network"}
 """Those that only `make check` runs."""
 
 
