@@ -2,9 +2,10 @@
 
     python examples/controller.py [ROUNDS]
 
-The plant moves pan and object by the law of friction, under another friction than planned for, and is measured with
-noise; half-way the object is pushed. The controller asks the stream for the next chunk while the plant executes the
-last one's final sample, one millisecond, and a stop is at hand for every sample.
+The plant moves pan and object by the law of friction, under another friction than planned for. A camera tells where the
+object is, 60 times a second, 20 ms late and with noise, and encoders tell of the pan; half-way the object is pushed.
+The controller asks the stream for the next chunk while the plant executes the last one's final sample, one millisecond,
+and a stop is at hand for every sample.
 """
 
 from __future__ import annotations
@@ -14,21 +15,25 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime import Friction, Planner, StreamStatus
-from runtime.physics.law import slide_one
-from runtime.physics.pan import IN_PLANE, integrate_pan
+from runtime.physics.law import DT, slide_one
+from runtime.physics.pan import integrate_pan
 
 Array = NDArray[np.float64]
 
 DEADLINE = 1e-3
 """Time in which the next chunk must be there (s): one tick."""
 
-NOISE = np.array([0.001, 0.001, 0.01, 0.01])
-"""Standard deviation of measured positions (m) and velocities (m/s)."""
+CAMERA_NOISE, ENCODER_NOISE = 1e-3, 1e-4
+"""Standard deviations of the object's positions (m), and of the pan's positions (m) and velocities (m/s)."""
+
+FRAME_EVERY, LATENCY = 17, 20
+"""A frame is taken every so many samples, 60 a second, and told so many later."""
 
 PUSH = np.array([0.02, 0.0, 0.0, 0.0])
 """By which the object is pushed half-way (m)."""
@@ -59,10 +64,25 @@ class Report:
         ]
 
 
-def plant(commands: queue.Queue[Array | None], measured: queue.Queue[tuple[Array, Array]], push_at: int) -> None:
-    """Execute chunks until None comes; after each, hand back the last C measured states of pan and object."""
+class Seen(NamedTuple):
+    """What the plant tells of one chunk.
+
+    Attributes:
+        sliding: (C, 4) where the object truly went, for the report alone.
+        frames: positions of the object (m), each with its age (s) and the samples executed when it was told.
+        encoders: states of the pan, told at once, each with the samples executed by then.
+    """
+
+    sliding: Array
+    frames: list[tuple[Array, float, int]]
+    encoders: list[tuple[Array, int]]
+
+
+def plant(commands: queue.Queue[Array | None], seen: queue.Queue[Seen], push_at: int) -> None:
+    """Execute chunks until None comes; after each, tell what a camera and the encoders saw."""
     rng = np.random.default_rng(0)
-    pan, sliding = np.zeros(6), np.zeros(4)
+    pan, sliding, now = np.zeros(6), np.zeros(4), 0
+    waiting: list[tuple[int, Array]] = []
     for count in range(sys.maxsize):
         u = commands.get()
         if u is None:
@@ -70,8 +90,15 @@ def plant(commands: queue.Queue[Array | None], measured: queue.Queue[tuple[Array
         pans, slidings = integrate_pan(pan, u), slide_one(sliding, u, ACTUAL)
         pan, sliding = pans[-1], slidings[-1] + (PUSH if count == push_at else 0.0)
         slidings[-1] = sliding
-        noise = rng.standard_normal((2, *slidings.shape)) * NOISE
-        measured.put((pans[:, IN_PLANE] + noise[0], slidings + noise[1]))  # of a level pan, x, y, vx, vy are enough
+        encoders = [(pans[k] + rng.normal(0.0, ENCODER_NOISE, 6), k + 1) for k in range(9, len(u), 10)]
+        for k in range(len(u)):
+            if (now + k + 1) % FRAME_EVERY == 0:
+                waiting.append((now + k + 1, slidings[k, :2] + rng.normal(0.0, CAMERA_NOISE, 2)))
+        told = [each for each in waiting if each[0] + LATENCY <= now + len(u)]
+        waiting = waiting[len(told) :]
+        frames = [(position, LATENCY * DT, taken + LATENCY - now) for taken, position in told]
+        seen.put(Seen(slidings, frames, encoders))
+        now += len(u)
 
 
 def figure_eight() -> Array:
@@ -93,24 +120,27 @@ def control(planner: Planner, rounds: int) -> Report:
 
 def control_once(planner: Planner, position: Array) -> Report:
     """Follow one command, push the object half-way, and report."""
-    stream = planner.stream(position)
+    stream = planner.stream(position, noise=CAMERA_NOISE)
     chunk = stream.chunk
     chunks = len(position) // chunk
     commands: queue.Queue[Array | None] = queue.Queue()
-    measured: queue.Queue[tuple[Array, Array]] = queue.Queue()
-    worker = threading.Thread(target=plant, args=(commands, measured, chunks // 2), daemon=True)
+    seen: queue.Queue[Seen] = queue.Queue()
+    worker = threading.Thread(target=plant, args=(commands, seen, chunks // 2), daemon=True)
     worker.start()
 
     durations, statuses, reached = np.empty(chunks), [], []
-    pan_state = object_state = None
     for index in range(chunks):
         begin = time.perf_counter()
-        u = stream.step(pan_state, object_state)
+        u = stream.step()
         durations[index] = time.perf_counter() - begin
         statuses.append(stream.status)
         commands.put(u)
-        pan_state, object_state = measured.get(timeout=10.0)
-        reached.append(object_state)
+        told = seen.get(timeout=10.0)
+        for frame in told.frames:
+            stream.see_object(*frame)
+        for state, executed in told.encoders:
+            stream.see_pan(state, executed=executed)
+        reached.append(told.sliding)
     commands.put(None)
     worker.join()
 
