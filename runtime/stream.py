@@ -280,6 +280,13 @@ class Stream:
         """Time from a command to its execution (s), as the encoders tell it; None while they tell too little."""
         return self._state.sight.delays.delay
 
+    @property
+    def due(self) -> bool:
+        """Whether the network should be asked before its chunk has ended: something was seen since the last step that
+        the law does not explain, a push or a slip, and the network can be asked at any time.
+        """
+        return self._state.sight.event and isinstance(self._reader, GeneralReader)
+
     def see_object(self, position: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
         """Take in where the object was seen: at any time, however late, in any order; no velocity is needed.
 

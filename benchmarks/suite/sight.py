@@ -136,30 +136,30 @@ class Run:
         self.durations: list[float] = []
         measured = [arm.reset(position[0])]
         camera, chunk = None if eyes is None else Camera(eyes), self.stream.chunk
+        asked = -chunk
         for k in range(len(position) - 1):
-            begin = time.perf_counter()
-            told = _see(self.stream, camera, k, measured)
-            if k % chunk == 0:
-                u = self.stream.step(*told)
+            begin, executed = time.perf_counter(), k - asked
+            told = _see(self.stream, camera, executed, measured)
+            if executed == chunk or self.stream.due:
+                u, asked = self.stream.step(*told, executed=executed), k
                 self.durations.append(time.perf_counter() - begin)
-            command = PanCommand(np.zeros(3), np.zeros(3), u[k % chunk])
+            command = PanCommand(np.zeros(3), np.zeros(3), u[k - asked])
             measured.append(arm.step(command))
         self.error = lengths(np.array([each.sliding[:2] for each in measured]) - position)
         self.pan_reach = float(lengths(np.array([each.pan[:2] for each in measured])).max())
 
 
 def _see(
-    stream: Stream, camera: Camera | None, k: int, measured: Sequence[Measured]
+    stream: Stream, camera: Camera | None, executed: int, measured: Sequence[Measured]
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Tell a stream what is seen at sample k; return what its step is told."""
-    chunk = stream.chunk
+    """Tell a stream what is seen after so many samples of its chunk; return what its step is told."""
+    chunk, k = stream.chunk, len(measured) - 1
     if camera is not None:
-        executed = k % chunk or chunk
         for frame in camera.look(k, measured[-1]):
             stream.see_object(frame.position, (k - frame.taken) * DT, executed)
         stream.see_pan(measured[-1].pan, 0.0, executed)
         return None, None
-    if k % chunk or k == 0:
+    if executed < chunk or k < chunk:
         return None, None
     return np.array([each.pan for each in measured[-chunk:]]), np.array([each.sliding for each in measured[-chunk:]])
 

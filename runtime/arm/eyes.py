@@ -104,8 +104,12 @@ class Seeing(Protocol):
     def see_pan(self, state: FloatArray, age: float, executed: int) -> None:
         """Take in where the pan was."""
 
-    def step(self) -> FloatArray:
-        """Give the accelerations (C, 3) (m/s^2) of the next chunk."""
+    @property
+    def due(self) -> bool:
+        """Whether it should be asked before its chunk has ended."""
+
+    def step(self, *, executed: int) -> FloatArray:
+        """Give the accelerations (C, 3) (m/s^2) of the next chunk, after so many samples of the last one."""
 
 
 def watching(stream: Seeing, camera: Camera, chunk: int, samples: int) -> Source:
@@ -119,18 +123,18 @@ def watching(stream: Seeing, camera: Camera, chunk: int, samples: int) -> Source
         chunk: samples of a chunk, C.
         samples: of its command, K.
     """
-    u, rested = np.zeros((chunk, 3)), 0
+    u, rested, begin = np.zeros((chunk, 3)), 0, -chunk
 
     def source(k: int, measured: Sequence[Measured]) -> FloatArray | None:
-        nonlocal u, rested
-        executed = chunk if k % chunk == 0 else k % chunk
+        nonlocal u, rested, begin
+        executed = k - begin
         for frame in camera.look(k, measured[-1]):
             stream.see_object(frame.position, (k - frame.taken) * DT, executed)
         stream.see_pan(measured[-1].pan, 0.0, executed)
-        if k % chunk == 0:
-            u = stream.step()
+        if executed == chunk or stream.due:
+            u, begin = stream.step(executed=executed), k
             rested = 0 if u.any() or k < samples else rested + 1
-        now: FloatArray = u[k % chunk]
+        now: FloatArray = u[k - begin]
         return None if rested > RESTED or k >= samples + round(LONGEST_ENDING / DT) else now
 
     return source

@@ -165,9 +165,12 @@ class Sight(NamedTuple):
             now: sample at which it came.
             acceleration: the largest of the pan (m/s^2).
         """
-        if not self._new(at, now, -1, 1) or self._frozen_object(position, at):
+        if not self._new(at, now, -1, 1):
             return self._but(Verdict.IGNORED)
         watch, verdict = self.watch.see(Frame(at, position), self.past, acceleration)
+        strange = verdict in (Verdict.DOUBTED, Verdict.BELIEVED) or watch.last.event
+        if strange and self.handed[1] is not None and np.array_equal(position, self.handed[1]):
+            return self._but(Verdict.IGNORED)  # to the last bit the one before, and no friction would hold it there
         sight = self._replace(watch=watch)._but(verdict)
         if verdict is Verdict.IGNORED:
             return sight

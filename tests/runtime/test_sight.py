@@ -370,3 +370,23 @@ def test_encoder_that_says_the_same_for_ever_is_braked_and_raises_nothing(shippe
         world.tick()
     assert status is StreamStatus.BRAKING
     world.check(Limits())
+
+
+def test_push_makes_a_step_due_where_the_network_can_be_asked_early(shipped: Planner) -> None:
+    for planner, early in ((Planner("general"), True), (shipped, False)):
+        stream = planner.stream(loop())
+        world, due = World(stream, Friction()), False
+        for k in range(3 * stream.chunk + 40):
+            executed = k % stream.chunk or stream.chunk
+            if k == 3 * stream.chunk:
+                assert not due
+            stream.see_object(world.measured[-1].sliding[:2] + (0.02 if k > 3 * stream.chunk else 0.0), 0.0, executed)
+            stream.see_pan(world.measured[-1].pan, 0.0, executed)
+            due = due or stream.due
+            if k % stream.chunk == 0:
+                world.step()
+            world.tick()
+        assert due is early
+        if early:
+            assert stream.step(executed=40).shape == (stream.chunk, 3)
+            assert not stream.due
