@@ -30,8 +30,8 @@ FRICTION_OFF = 0.1
 ASKED_EVERY = 50
 """Samples after which a decoder is asked again in a loop."""
 
-PUSHED_AT, PUSH = 525, 0.02
-"""Sample in which an object is pushed, in the middle between two questions, and how far (m)."""
+PUSHED_AT, PUSH = 500, 0.02
+"""Sample in which an object is pushed, just before a question, and how far (m)."""
 
 
 @dataclass(frozen=True)
