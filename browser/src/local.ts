@@ -33,7 +33,7 @@ export async function start(report: (line: string) => void): Promise<LocalPlanne
     throw new Error("The planner could not be loaded. Load the page again when there is a network.");
   }
   const worker = new Worker("worker.js", { type: "module" });
-  const ask = (question: Question, told: (answer: Answer) => boolean): Promise<Answer> =>
+  const put = (question: Question, told: (answer: Answer) => boolean): Promise<Answer> =>
     new Promise((resolve, reject) => {
       worker.onerror = (event) => reject(new Error(event.message || "it has ended"));
       worker.onmessage = ({ data }: MessageEvent<Answer>) => {
@@ -42,6 +42,13 @@ export async function start(report: (line: string) => void): Promise<LocalPlanne
       };
       worker.postMessage(question);
     });
+  let before: Promise<unknown> = Promise.resolve();
+  /** Put one question after the other: an answer does not say which it belongs to. */
+  const ask: typeof put = (question, told) => {
+    const answered = before.then(() => put(question, told));
+    before = answered.catch(() => undefined);
+    return answered;
+  };
   let ready: Answer;
   try {
     ready = await ask({ kind: "load", files }, (answer) => {

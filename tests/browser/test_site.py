@@ -123,6 +123,20 @@ def test_page_plans_without_a_server_and_again_without_a_network(server: Threadi
     np.testing.assert_array_equal(again.pan_acceleration, plan.pan_acceleration)
 
 
+def test_questions_put_at_once_get_each_its_own_answer(server: ThreadingHTTPServer, page: Any) -> None:
+    page.goto(f"http://127.0.0.1:{server.server_port}/")
+    page.wait_for_function(LOADED, timeout=PATIENCE)
+    asked = """async () => {
+        const { start } = await import("./local.js");
+        const planner = await start(() => {});
+        const way = (size) => Array.from({ length: 400 }, (_, k) => [size * (1 - Math.cos(k / 100)), 0]);
+        const friction = { static: 1, kinetic: 0.5 };
+        const plans = await Promise.all([0.01, 0.02, 0.03].map((size) => planner.plan(way(size), friction)));
+        return plans.map(({ plan }) => Math.max(...plan.command.position.map(([x]) => x)));
+    }"""
+    assert page.evaluate(asked) == pytest.approx([0.02, 0.04, 0.06], rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("missing", "said"),
     [
