@@ -237,3 +237,27 @@ def test_what_is_beyond_training_is_told_in_the_units_it_was_trained_in(
     lines = beyond_training(general_planner.bundle.manifest, job_of(make_curve(1200), limits, friction))
     assert [each for each in lines if line is None or not each.startswith(line)] == []
     assert bool(lines) is (line is not None)
+
+
+def test_shipped_network_plans_the_same_to_the_last_bit_whatever_is_planned_with_it(make_curve: MakeCurve):
+    planner, friction = Planner("general"), Friction(0.5, 0.3)
+    positions = [0.8 * make_curve(400, seed) for seed in range(5)]
+    for limits in (Limits.named("panda"), Limits(0.1)):
+        together = planner.plan_batch(positions, friction, limits=limits)
+        for plan, position in zip(together, positions, strict=True):
+            alone = planner.plan(position, friction, limits=limits)
+            assert np.array_equal(plan.pan_acceleration, alone.pan_acceleration)
+
+
+def test_limits_decide_which_of_the_shipped_networks_plans(make_curve: MakeCurve):
+    planner, position = Planner(), make_curve(300)
+    assert [planner.plan(position, limits=limits).model_name for limits in (None, Limits(), Limits(height=0.1))] == [
+        "default",
+        "default",
+        "general",
+    ]
+    plans = planner.plan_batch([position] * 3, limits=[Limits(), Limits.named("fr3"), Limits(0.19)])
+    assert [plan.model_name for plan in plans] == ["default", "general", "general"]
+    assert planner.stream(position).chunk == 100
+    assert planner.stream(position, limits=Limits.named("panda")).chunk == 89
+    assert Planner("default").plan(position, limits=Limits(height=0.1)).model_name == "default"
