@@ -52,8 +52,8 @@ def _take_page(browser: Browser, port: int, picture: Path, width: int, scheme: s
     page = _open(browser, width, scheme, f"http://127.0.0.1:{port}")
     page.wait_for_selector("body[data-ready]")
     page.get_by_role("button", name=example, exact=True).click()
-    page.click("#plan")
     page.wait_for_selector("#quality:not([hidden])")
+    page.wait_for_selector("#plan:text('Plan again')")  # and no better plan is waited for
     _seek(page, MOMENT)
     _take(page, picture)
 
