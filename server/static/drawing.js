@@ -27,7 +27,7 @@ function thinned(points) {
   return points.filter((_, k) => kept.has(k));
 }
 
-/** A drawing and what is asked of it as the text after # of a link: {points, speed, static, kinetic}. */
+/** A drawing, and what is asked of it by name, as the text after # of a link. */
 export function encode({ points, ...asked }) {
   const bytes = new Uint8Array(Int16Array.from(thinned(points).flat(), (value) => Math.round(value / UNIT)).buffer);
   const text = btoa(String.fromCharCode(...bytes)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
@@ -42,7 +42,7 @@ export function decode(text) {
     const points = Array.from({ length: numbers.length / 2 }, (_, k) => [numbers[2 * k], numbers[2 * k + 1]])
       .map((point) => point.map((value) => value * UNIT));
     if (points.length < 2 || points.length > MOST_POINTS || !(lengthOf(points) < 10)) return null;
-    const asked = {};
+    const asked = { limits: values.get("limits") };
     for (const name of ["speed", "static", "kinetic"]) {
       const value = Number(values.get(name));
       if (value > 0) asked[name] = value;

@@ -52,7 +52,7 @@ const pen = listenToPen(viewer.stage, {
 });
 
 const valueOf = (id) => $(id).valueAsNumber;
-const asked = () => Object.fromEntries(SLIDERS.map((id) => [id, valueOf(id)]));
+const asked = () => ({ ...Object.fromEntries(SLIDERS.map((id) => [id, valueOf(id)])), limits: $("limits").value });
 
 /** What is asked of the server for what is on the pan now; null if that is no path. */
 function requestNow() {
@@ -329,6 +329,7 @@ function start() {
   const linked = decode(location.hash.slice(1));
   if (linked) {
     for (const id of SLIDERS) if (linked[id]) $(id).value = linked[id];
+    if ([...$("limits").options].some(({ value }) => value === linked.limits)) $("limits").value = linked.limits;
     draft.drawn = linked.points.map((point) => keepWithin(point, RADIUS.pan - RADIUS.object));
   } else {
     markExample(EXAMPLES[1].name);

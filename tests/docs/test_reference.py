@@ -31,6 +31,8 @@ OTHER_VARIABLES = {
     "SLIDE_STEPS",
     "SLIDE_FALSE_READINGS",
     "SLIDE_EXAMPLES",
+    "SLIDE_ATTACKERS",
+    "SLIDE_ATTACK_SECONDS",
 }
 """Those of the tests, which no server knows."""
 

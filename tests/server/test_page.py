@@ -401,6 +401,7 @@ def test_drawing_survives_a_reload_and_is_in_the_link_that_is_shared(
 ) -> None:
     page = open_page(server.url, permissions=["clipboard-read", "clipboard-write"])
     page.locator("#speed").fill("0.3")
+    page.select_option("#limits", index=2)
     draw(page)
     settle(page)
     length = page.inner_text("#summary").partition(".")[0]
@@ -416,6 +417,7 @@ def test_drawing_survives_a_reload_and_is_in_the_link_that_is_shared(
     settle(other)
     assert drawn(other) == before
     assert other.inner_text("#speed-value") == "0.30 m/s"
+    assert other.locator("#limits").input_value() == page.locator("#limits").input_value() != ""
 
 
 @pytest.mark.parametrize(
