@@ -36,6 +36,9 @@ from runtime.network.units import (
 SEEN = 10 * len(SEEN_ROWS)
 """Columns of an observation up to which there are states."""
 
+MOST_REACH, MOST_ACCELERATION = 0.4, 40.0
+"""Largest reach (m) and acceleration (m/s^2) that a pan is told to have."""
+
 
 class Instants(NamedTuple):
     """Instants between milliseconds, n of them: the rows before them, and how far each is on the way to the next."""
@@ -195,8 +198,15 @@ class GeneralReader(NamedTuple):
 
 def units_of(jobs: Sequence[Job]) -> Units:
     """Return the units of the jobs' pans, (B,)."""
-    limits = [(job.reach_used * job.limits.pan_reach, job.limits.acceleration, job.limits.jerk) for job in jobs]
-    return Units.of(*np.array(limits).T)
+    return Units.of(*np.array([_told(job.limits, job.reach_used) for job in jobs]).T)
+
+
+def _told(limits: Limits, reach_used: float) -> tuple[float, float, float]:
+    """Return the reach (m), the acceleration (m/s^2) and the jerk (m/s^3) that a pan is told to have.
+
+    No more than networks are trained for: looser limits need not be used, and then make no plan worse.
+    """
+    return min(reach_used * limits.pan_reach, MOST_REACH), min(limits.acceleration, MOST_ACCELERATION), limits.jerk
 
 
 def situation_of(jobs: Sequence[Job], units: Units) -> Situation:
@@ -211,8 +221,7 @@ def _coefficients(job: Job) -> tuple[float, float]:
 
 def time_of(limits: Limits, reach_used: float = 1.0) -> float:
     """Return how long a sample of the network's time lasts (ms), for a pan that is told this share of its reach."""
-    reach = np.array([reach_used * limits.pan_reach])
-    return float(Units.of(reach, np.array([limits.acceleration]), np.array([limits.jerk])).time[0])
+    return float(Units.of(*(np.array([each]) for each in _told(limits, reach_used))).time[0])
 
 
 def chunk_of(step: float) -> int:

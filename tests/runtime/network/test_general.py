@@ -92,6 +92,16 @@ def test_a_pan_and_its_commands_stretched_are_the_same_to_the_network(make_curve
     assert rows[1] == pytest.approx(rows[0], abs=0.02)  # velocities of the stretched one are a millisecond coarser
 
 
+def test_a_pan_is_told_no_looser_limits_than_networks_are_made_for(general_planner: Planner, make_curve: MakeCurve):
+    job = job_of(make_curve(400), Limits(0.4, acceleration=40.0))
+    for loose in (Limits(50.0, acceleration=1e4), Limits(0.4, acceleration=9e4), Limits(99.0, acceleration=40.0)):
+        frame = Frame.of([job_of(make_curve(400), loose)])
+        assert frame.step == Frame.of([job]).step == time_of(loose)
+        assert frame.acceleration == pytest.approx(Frame.of([job]).acceleration)
+    plan = general_planner.plan(make_curve(400), limits=Limits(50.0, acceleration=1e9, jerk=1e9))
+    assert plan.quality.acceleration_max <= 40.0 * 1.01
+
+
 def test_answers_are_on_the_line_through_the_middles_or_the_means_of_a_millisecond():
     slow = milliseconds(2.0, 4)
     assert slow[:, :3] == pytest.approx(np.array([[1 / 3, 2 / 3, 0], [0, 0.75, 0.25], [0, 0.25, 0.75], [0, 0, 0.75]]))

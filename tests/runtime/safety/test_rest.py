@@ -222,7 +222,7 @@ def test_looser_limits_stop_no_later_than_a_short_ramp() -> None:
 
 
 def test_looser_limits_make_no_plan_worse() -> None:
-    shipped = Planner()
+    shipped = Planner("default")  # the same network under all of these
     t = np.linspace(0.0, 2.0 * np.pi, 1200)
     position = 0.05 * np.stack([np.sin(t) ** 3, 1.0 - np.cos(t)], axis=1)
     usual = shipped.plan(position).quality.tracking_rmse
