@@ -75,7 +75,7 @@ class OnArm:
         missed: how many of them its joints do not hold, or are not tracked within TRACKED.
         stretch: most that one of them is slowed down.
         tracking: mean tracking RMSE (m).
-        solving: median time of the inverse kinematics of a plan of 1.2 s (s).
+        solving: median time of the processor for the inverse kinematics of a plan of 1.2 s (s).
         position_error: farthest that the joints hold the pan off its path (m).
         executed: mean distance between object and command in MuJoCo, root mean square over a run (m).
         lost: how many objects fell off the pan there or toppled.
@@ -142,9 +142,9 @@ def _on_arm(name: str, planner: Planner, commands: Sequence[Command], executed: 
     fitted = [fit(make, command, model, place, Limits(), stretch=True) for command in commands]
     solving = []
     for each in fitted:
-        begin = time.perf_counter()
+        begin = time.process_time()
         follow_plan(model, place, each.plan)
-        solving.append((time.perf_counter() - begin) * DURATION / (len(each.joints) * DT))
+        solving.append((time.process_time() - begin) * DURATION / (len(each.joints) * DT))
     runs = [_execute(each.plan, planner, model, place) for each in fitted[:executed]]
     errors = [each.plan.quality.tracking_rmse for each in fitted]
     return OnArm(
