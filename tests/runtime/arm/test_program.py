@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -79,6 +80,20 @@ def test_mujoco_films_in_720p(shake_file: Path, tmp_path: Path) -> None:
     run_on_arm(shake_file, options, hooks=[_interrupt_at(41)])
     assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 5
     assert next(imageio_ffmpeg.read_frames(str(film)))["size"] == (1280, 720)
+
+
+def test_a_film_where_nothing_renders_is_refused_before_the_arm_moves(
+    slide_run: SlideRun, shake_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("mujoco")
+    monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    film = tmp_path / "film.mp4"
+    code, out, err = slide_run(shake_file, "--simulator", "mujoco", "--video", film)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "pictures need EGL or OSMesa, to render without a screen (Debian: apt install libegl1" in err
+    assert not film.exists()
 
 
 def test_mujoco_films_what_moves() -> None:
