@@ -11,9 +11,11 @@ from export.general_graphs import general_decoder_step_graph, general_encoder_gr
 from export.quantize import quantize_bundle
 from export.verify import VerificationError, verify_answers
 from export.write_bundle import export_bundle
-from runtime import Friction, Limits, Planner
+from runtime import Command, Friction, Limits, Planner, Start
 from runtime.network.bundle import Bundle
+from runtime.network.job import Job
 from runtime.network.onnx_check import check_graph
+from runtime.network.reach import with_reach
 from runtime.network.units import (
     AHEAD,
     AHEAD_ROWS,
@@ -114,10 +116,12 @@ def test_runtime_follows_as_the_training_s_own_loop_does(run, tmp_path, pan):
     _, network = load_network(load_checkpoint(run))
     position = 0.5 * commands_of("spline_acceleration", 3)[:, :200]
     friction = Friction(0.3, 0.2)
-    followed = follow(network, position, pan, friction, friction)
     limits = Limits(pan.reach, height=pan.height, acceleration=pan.acceleration, jerk=pan.jerk)
     plans = Planner(tmp_path / "bundle").plan_batch(position, friction, limits=limits)
-    for plan, u, sliding in zip(plans, followed.acceleration, followed.sliding, strict=True):
+    for each, plan in zip(position, plans, strict=True):
+        job = with_reach(Job(Command(each), friction, limits, Start()))
+        followed = follow(network, each[None], pan, friction, friction, reach_used=job.reach_used)
+        u, sliding = followed.acceleration[0], followed.sliding[0]
         # Two chunks, or three: until the pan comes to the end of its reach, which is nobody's in the training's loop.
         first = plan.pan_acceleration[:90]
         assert np.abs(first).max() > 5.0
