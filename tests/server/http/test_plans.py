@@ -97,8 +97,10 @@ def test_limits_have_a_height_a_speed_and_names(server: Any, make_request: Calla
 
 
 def test_server_timing_tells_where_the_time_went(server: Any, make_request: Callable[..., Any]) -> None:
-    header = server.post("/plan", json=make_request()).headers["server-timing"]
-    found = dict(part.split(";dur=") for part in header.split(", "))
+    answer = server.post("/plan", json=make_request())
+    *parts, last = answer.headers["server-timing"].split(", ")
+    assert last == f'request;desc="{answer.headers["x-request-id"]}"'
+    found = dict(part.split(";dur=") for part in parts)
     assert list(found) == ["read", "queue", "encode", "decode", "write"]
     assert float(found.pop("queue")) >= 0.0
     assert all(float(part) > 0.0 for part in found.values())
