@@ -8,6 +8,7 @@ import logging
 import signal
 import socket
 import time
+from contextvars import Context
 from functools import partial
 from types import FrameType
 from typing import Annotated, Any, cast
@@ -149,7 +150,8 @@ class Server(uvicorn.Server):
             self.should_exit = self.force_exit = True
             return
         self._service.stopping = True
-        asyncio.get_running_loop().call_soon_threadsafe(self._drain)
+        # The signal may come while a request is answered, whose name is then in the context.
+        asyncio.get_running_loop().call_soon_threadsafe(self._drain, context=Context())
 
     def _drain(self) -> None:
         self._draining = asyncio.ensure_future(self._finish())

@@ -308,9 +308,9 @@ def test_process_killed_again_and_again_in_any_state_is_replaced(which: str, mak
                     if module in Path(f"/proc/{child}/cmdline").read_text():
                         os.kill(child, 9)
         begin = time.monotonic()
-        wait_for(lambda: server.get("/health/ready").status_code == 200)
+        wait_for(lambda: server.post("/plan", json=make_request()).status_code == 200)
         assert time.monotonic() - begin < 6.0
-        assert server.post("/plan", json=make_request()).status_code == 200
+        assert server.get("/health/ready").status_code == 200
         assert server.process.poll() is None
 
 
