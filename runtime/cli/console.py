@@ -146,7 +146,7 @@ def cannot_run(name: str, why: str) -> NoReturn:
     """End a program that lacks what it needs, with one line on how to get it; it tells its version all the same."""
     if sys.argv[1:] == ["--version"]:
         print(__version__)
-        raise SystemExit
+        raise SystemExit(0)
     say(name, f"error: {why}")
     raise SystemExit(BAD_INPUT)
 
