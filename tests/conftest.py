@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,33 @@ settings.load_profile("patient")
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
+
+
+Program = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def program(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., Program]:
+    """Make a function of a program's entry point and name, and the terminal's width if it counts.
+
+    The function takes the program's arguments, runs it in this process, and gives its exit code, standard output and
+    standard error.
+    """
+
+    def of(main: Callable[[], None], name: str, columns: int | None = None) -> Program:
+        def call(*arguments: object) -> tuple[int, str, str]:
+            monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+            if columns is not None:
+                monkeypatch.setenv("COLUMNS", str(columns))
+            capfd.readouterr()
+            with pytest.raises(SystemExit) as ended:
+                main()
+            code = ended.value.code
+            return (code if isinstance(code, int) else 0, *capfd.readouterr())
+
+        return call
+
+    return of
 
 
 @pytest.fixture(scope="module")  # no longer: while Playwright runs, asyncio.run does not

@@ -11,9 +11,18 @@ import numpy as np
 
 from runtime.arm.interface import Arm, Measured, ObjectStatus, PanCommand
 from runtime.arm.run import LONGEST_ENDING, RESTED, Source
-from runtime.documents.checks import FloatArray
+from runtime.documents.checks import FloatArray, check_ranges
 from runtime.errors import InputError
 from runtime.physics.law import DT
+
+RANGES = (
+    ("camera_rate", 5.0, 1000.0, " frames a second"),
+    ("latency", 0.0, 0.1, " s"),
+    ("noise", 0.0, 0.1, " m"),
+    ("dropout", 0.0, 0.9, ""),
+    ("command_delay", 0.0, 0.1, " s"),
+)
+"""Names of what is chosen, the lowest and the highest value, and the unit."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +49,7 @@ class Eyes:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("camera_rate", 5.0, 1000.0, " frames a second"),
-            ("latency", 0.0, 0.1, " s"),
-            ("noise", 0.0, 0.1, " m"),
-            ("dropout", 0.0, 0.9, ""),
-            ("command_delay", 0.0, 0.1, " s"),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:  # which a NaN is not either
-                words = name.replace("_", " ")
-                raise InputError(f"{words} must be between {low:g} and {high:g}{unit}, got {value:g}", name)
+        check_ranges(self, RANGES)
         if self.seed < 0:
             raise InputError(f"seed must be 0 or more, got {self.seed}", "seed")
 

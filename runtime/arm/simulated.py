@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from runtime.arm.controller import FULL_CONTROL, ControlSettings
+from runtime.documents.checks import check_ranges
 from runtime.errors import InputError
 
 
@@ -14,6 +15,15 @@ class Simulator(StrEnum):
 
     PYBULLET = "pybullet"
     MUJOCO = "mujoco"
+
+
+RANGES = (
+    ("friction", 0.0, 10.0, ""),
+    ("object_mass", 0.001, 10.0, " kg"),
+    ("noise", 0.0, 0.1, " m"),
+    ("joint_friction", 0.0, 100.0, " N m"),
+)
+"""Names of what is chosen, the lowest and the highest value, and the unit."""
 
 
 @dataclass(frozen=True)
@@ -41,15 +51,6 @@ class Simulated:
     simulator: Simulator = Simulator.PYBULLET
 
     def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("friction", 0.0, 10.0, ""),
-            ("object_mass", 0.001, 10.0, " kg"),
-            ("noise", 0.0, 0.1, " m"),
-            ("joint_friction", 0.0, 100.0, " N m"),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:  # which a NaN is not either
-                words = name.replace("_", " ")
-                raise InputError(f"{words} must be between {low:g} and {high:g}{unit}, got {value:g}")
+        check_ranges(self, RANGES)
         if self.seed < 0:
             raise InputError(f"seed must be 0 or more, got {self.seed}")

@@ -82,6 +82,23 @@ def number(value: object, key: str, place: str | None = None) -> float:
     return result
 
 
+def check_ranges(values: object, ranges: Sequence[tuple[str, float, float, str]]) -> None:
+    """Check that attributes of an object are within their ranges.
+
+    Args:
+        values: the object.
+        ranges: of each its name, the lowest and the highest value, and the unit as the message has it, with a space.
+
+    Raises:
+        InputError: one is not, or is not a number.
+    """
+    for name, low, high, unit in ranges:
+        value = getattr(values, name)
+        if not low <= value <= high:  # which a NaN is not either
+            words = name.replace("_", " ")
+            raise InputError(f"{words} must be between {low:g} and {high:g}{unit}, got {value:g}", name)
+
+
 def text(value: object, key: str) -> str:
     """Check that a value is a line of printable text, which a terminal can be shown.
 

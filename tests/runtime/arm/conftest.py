@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,19 +15,8 @@ SlideRun = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def slide_run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> SlideRun:
-    """Run `slide-run`; gives its exit code, standard output and standard error."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["slide-run", *map(str, arguments)])
-        monkeypatch.setenv("COLUMNS", "80")
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            run_main()
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0, *capfd.readouterr())
-
-    return call
+def slide_run(program: Callable[..., SlideRun]) -> SlideRun:
+    return program(run_main, "slide-run", 80)
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -146,19 +145,8 @@ def test_a_slowed_command_goes_the_same_way() -> None:
 
 
 @pytest.fixture
-def slide_plan(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> SlidePlan:
-    """Run `slide-plan`; gives its exit code, standard output and standard error."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["slide-plan", *map(str, arguments)])
-        monkeypatch.setenv("COLUMNS", "100")
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            plan_main()
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0, *capfd.readouterr())
-
-    return call
+def slide_plan(program: Callable[..., SlidePlan]) -> SlidePlan:
+    return program(plan_main, "slide-plan", 100)
 
 
 def test_slide_plan_plans_for_an_arm(slide_plan: SlidePlan, tmp_path: Path) -> None:

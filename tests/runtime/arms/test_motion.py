@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -45,19 +44,8 @@ def fr3() -> JointMotion:
 
 
 @pytest.fixture
-def slide_joints(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> SlideJoints:
-    """Run `slide-joints`; gives its exit code, standard output and standard error."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["slide-joints", *map(str, arguments)])
-        monkeypatch.setenv("COLUMNS", "100")
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            joints_main()
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0, *capfd.readouterr())
-
-    return call
+def slide_joints(program: Callable[..., SlideJoints]) -> SlideJoints:
+    return program(joints_main, "slide-joints", 100)
 
 
 @pytest.mark.parametrize("name", arm_names())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,16 +17,8 @@ Slide = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def identify(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Slide:
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["slide-identify", *map(str, arguments)])
-        monkeypatch.setenv("COLUMNS", "120")
-        with pytest.raises(SystemExit) as ended:
-            identify_main()
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0, *capfd.readouterr())
-
-    return call
+def identify(program: Callable[..., Slide]) -> Slide:
+    return program(identify_main, "slide-identify", 120)
 
 
 @pytest.fixture

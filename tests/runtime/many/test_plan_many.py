@@ -34,18 +34,8 @@ Many = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def many(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Many:
-    """Run the program in this process; gives its exit code, standard output and standard error."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["slide-plan-many", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            plan_many_main()
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0, *capfd.readouterr())
-
-    return call
+def many(program: Callable[..., Many]) -> Many:
+    return program(plan_many_main, "slide-plan-many")
 
 
 def curve(number: int) -> np.ndarray:

@@ -136,7 +136,9 @@ def test_a_few_requests_in_one_piece_are_answered(limited_server: Any) -> None:
         connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n\r\n" * 8)
         answers = b""
         while answers.count(b"200 OK") < 8:
-            answers += connection.recv(1 << 16)
+            more = connection.recv(1 << 16)
+            assert more, f"closed after {answers.count(b'200 OK')} answers"
+            answers += more
 
 
 def frame(opcode: int, data: bytes = b"", final: bool = True) -> bytes:
