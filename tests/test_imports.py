@@ -44,6 +44,7 @@ ROOMS = [
     "assess",
     "outputs",
     "plan",
+    "following",
     "stream",
     "planner",
     "many",

@@ -14,6 +14,7 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.observe.delay import DelaySearch
+from runtime.observe.estimates import FrictionEstimate, ObjectEstimate
 from runtime.observe.frames import NOISES, Verdict, Watch
 from runtime.observe.pan import APART, DISTANCE, SETTLING, SPEED, agree, along, large
 from runtime.observe.past import KEPT, Past
@@ -104,6 +105,26 @@ class Sight(NamedTuple):
     def friction(self) -> Friction:
         """The friction that is believed in."""
         return self.watch.last.friction
+
+    @property
+    def friction_estimate(self) -> FrictionEstimate:
+        """What is believed of the friction, and how sure that is."""
+        belief = self.watch.last
+        return FrictionEstimate(belief.friction, belief.kinetic_interval, belief.static_interval)
+
+    def object_at(self, at: int) -> ObjectEstimate:
+        """Return what is believed of the object at a sample up to the end, and how sure that is."""
+        state, belief = self.sliding[self._row(at)], self.watch.last
+        u = self.past.between(belief.frame.at, max(at, belief.frame.at))
+        spread = np.sqrt(np.diag(belief.spread_after(u))).tolist()
+        return ObjectEstimate(
+            position=state[:2].copy(),
+            velocity=state[2:].copy(),
+            sticks=not state[2:].any(),
+            position_error=max(spread[:2]),
+            velocity_error=max(spread[2:4]),
+            age=(at - belief.frame.at) * DT,
+        )
 
     def then(self, motion: Motion) -> Self:
         """Return it with a chunk more; nothing has become of readings since."""
