@@ -6,15 +6,24 @@ import asyncio
 
 from starlette.requests import Request
 
+from server.planning.bounds import BRACKET, check_positions
 from server.problems import Problem
 from server.settings import Settings
 
 
-async def read_body(request: Request, settings: Settings, wanted: str = "application/json") -> bytes:
+async def read_body(
+    request: Request, settings: Settings, wanted: str = "application/json", one_command: bool = False
+) -> bytes:
     """Read the body of a request of a media type.
 
+    Args:
+        request: whose body has not been read.
+        settings: the largest body and command, and the longest time.
+        wanted: the media type.
+        one_command: whether it holds one command, whose positions can be counted as they come.
+
     Raises:
-        Problem: `unsupported-media-type`, `too-large`, or `too-slow`.
+        Problem: `unsupported-media-type`, `too-large`, `too-slow`, or `invalid`: there are too many positions.
         ClientDisconnect: the client left.
     """
     media_type, _, parameters = request.headers.get("content-type", "").partition(";")
@@ -26,13 +35,16 @@ async def read_body(request: Request, settings: Settings, wanted: str = "applica
     declared = request.headers.get("content-length", "0")
     if declared.isdecimal() and int(declared[:20]) > settings.max_body:
         raise too_large(settings)
-    parts, size = [], 0
+    parts, size, brackets = [], 0, 0
     try:
         async with asyncio.timeout(settings.body_timeout):
             async for part in request.stream():
                 size += len(part)
                 if size > settings.max_body:
                     raise too_large(settings)
+                if one_command:
+                    brackets += part.count(BRACKET)
+                    check_positions(brackets, settings.max_samples)
                 parts.append(part)
     except TimeoutError:
         raise Problem("too-slow", f"the body must arrive within {settings.body_timeout:g} s") from None

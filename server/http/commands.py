@@ -14,6 +14,7 @@ from server.http.body import read_body
 from server.http.doors import CLIENT
 from server.http.openapi import REFERENCE, problems
 from server.http.plans import JSON, LeasedResponse, accepted, holding, pieces
+from server.planning.messages import PIECE
 from server.problems import Problem
 from server.service import Service
 
@@ -57,7 +58,8 @@ async def command(request: Request) -> Response:
         document: bytes = await service.reader.read(client, "file", body, given=options)
         held.resize(len(document))
         headers = {"Content-Length": str(len(document))}
-        return LeasedResponse(pieces(document, service.settings), headers, JSON, stack.pop_all())
+        cut = (document[begin : begin + PIECE] for begin in range(0, len(document), PIECE))
+        return LeasedResponse(pieces(cut, service.settings), headers, JSON, stack.pop_all())
 
 
 def _options(request: Request) -> dict[str, Any]:

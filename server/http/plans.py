@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
@@ -26,9 +26,6 @@ from server.problems import MEDIA_TYPE, Problem
 from server.service import Service
 from server.settings import Settings
 from server.shares import Lease
-
-PIECE = 1 << 16
-"""Bytes of an answer that are given to the connection at a time."""
 
 BYTES_AHEAD = 1 << 23
 """Bytes of plans that are queued or made before a client reads them, of one request of /plans."""
@@ -66,7 +63,7 @@ async def plan(request: Request) -> Response:
         stack.callback(service.admit(client).release)
         dispatcher, reader = service.dispatcher, service.reader
         with holding(request, service) as held:
-            body = await read_body(request, service.settings)
+            body = await read_body(request, service.settings, one_command=True)
             begin = time.perf_counter()
             (job,) = await reader.read(client, "plan", body, npz=npz)
             held.resize(len(job.data))
@@ -75,7 +72,7 @@ async def plan(request: Request) -> Response:
             queued = dispatcher.submit(client, job, npz)
             stack.callback(queued.drop)
             written = await result_of(queued, request, service.settings)
-        headers = {"Server-Timing": timing(written, reading), "Content-Length": str(len(written.body))}
+        headers = {"Server-Timing": timing(written, reading), "Content-Length": str(written.size)}
         sent = pieces(written.body, service.settings)
         return LeasedResponse(sent, headers, NPZ if npz else JSON, stack.pop_all())
 
@@ -144,18 +141,19 @@ async def _lines(service: Service, client: str, jobs: list[ReadJob]) -> AsyncGen
             one.drop()
 
 
-async def pieces(body: bytes, settings: Settings) -> AsyncGenerator[bytes, None]:
-    """Yield a body piece by piece, so that no more of it waits for the client than the connection holds.
+async def pieces(body: Iterable[bytes], settings: Settings) -> AsyncGenerator[bytes, None]:
+    """Yield a body piece by piece, so that no more of it waits for the client than the connection holds; between two of
+    them everything else has its turn.
 
     Raises:
         ClientDisconnect: the client takes too long to read it.
     """
     until = time.monotonic() + settings.write_timeout
-    view = memoryview(body)
-    for begin in range(0, len(view), PIECE):
+    for piece in body:
         if time.monotonic() > until:
             raise ClientDisconnect
-        yield bytes(view[begin : begin + PIECE])
+        yield piece
+        await asyncio.sleep(0.0)
 
 
 class LeasedResponse(StreamingResponse):

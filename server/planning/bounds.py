@@ -9,6 +9,7 @@ from runtime.limits import LARGEST_SINK
 from runtime.physics.law import DT
 from runtime.safety.rest import LONGEST_STOP as LONGEST_GENTLE_STOP
 from runtime.safety.stop import gentle_strength
+from server.problems import Problem
 
 LONGEST_STOP = 10.0
 """Longest stop that is planned, or sent beside a chunk (s)."""
@@ -21,6 +22,25 @@ ROW_BYTES, NPZ_ROW_BYTES = 420, 160
 
 PLAN_BYTES = 1 << 14
 """Bytes of all else in a plan, at most."""
+
+BRACKET = b"]"
+"""Each position of a command has one."""
+
+OTHER_BRACKETS = 1000
+"""Brackets of a request that may belong to something else than positions."""
+
+SHORT_CHUNKS = 40
+"""Most chunks of a job that is planned among the short ones: it takes some 40 ms."""
+
+
+def check_positions(brackets: int, most: int) -> None:
+    """Check that what has so many brackets has no more positions than samples are taken, before it is parsed.
+
+    Raises:
+        Problem: `invalid`.
+    """
+    if brackets > most + OTHER_BRACKETS:
+        raise Problem("invalid", f"the command has more than {most} positions, at most {most} are taken")
 
 
 def stop_samples(limits: Limits, start: Start, friction: Friction | None = None) -> int:

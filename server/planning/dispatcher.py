@@ -5,8 +5,9 @@ planned next through the batch axis: a lone request never waits, and under load 
 that were answered together come back together, a moment apart; so after a batch of several the next one waits for the
 window.
 
-Next is the client that has had the least time. What a batch takes is bounded by its chunks, and what its plans take by
-the bytes that finished ones may hold until they are read: the process waits for those who read, each client for itself.
+Short jobs and long ones wait in lanes of their own and are planned side by side. In each lane next is the client that
+has had the least time. What a batch takes is bounded by its chunks, and what its plans take by the bytes that finished
+ones may hold until they are read: the process waits for those who read, each client for itself.
 
 A process that ends, or is at one batch for too long, is replaced. What it was planning then has failed, and what waits
 is sent away: a new one takes a second to be ready.
@@ -28,7 +29,7 @@ from runtime import InputError
 from runtime.network.manifest import Manifest
 from server.metrics import Metrics
 from server.planning.bounds import NPZ_ROW_BYTES, PLAN_BYTES, ROW_BYTES
-from server.planning.messages import PlanFailure, PlannerOptions, PlanReply, ReadJob
+from server.planning.messages import LANES, Batch, Lane, PlanFailure, PlannerOptions, PlanReply, ReadJob
 from server.planning.process import PLANNING_COMMAND, Child, keep
 from server.problems import Problem, for_input
 from server.settings import Settings
@@ -38,13 +39,19 @@ log = logging.getLogger("slide-serve")
 
 
 class WrittenPlan(NamedTuple):
-    """A plan as it is sent, and the time it took (s): waiting, in the encoder, in the rest of the planning, written."""
+    """A plan as it is sent, in pieces, and the time it took (s): waiting, in the encoder, in the rest of the planning,
+    written."""
 
-    body: bytes
+    body: list[bytes]
     queue: float
     encode: float
     decode: float
     write: float
+
+    @property
+    def size(self) -> int:
+        """Bytes of the plan."""
+        return sum(map(len, self.body))
 
 
 @dataclass(eq=False)
@@ -82,7 +89,7 @@ class QueuedJob:
             self.drop(result)
         else:
             assert self.unread is not None
-            self.unread.resize(len(result.body))
+            self.unread.resize(result.size)
             self.result.set_result(result)
 
     def drop(self, why: Problem | None = None) -> None:
@@ -102,6 +109,24 @@ class QueuedJob:
         """Send the job away if its turn has not come."""
         if not self.started:
             self.drop(overloaded())
+
+
+class LaneState:
+    """One lane: whose turn is next in it, since when it has been at its present batch, and what has come of that.
+
+    Args:
+        name: of the lane.
+        turns: of its clients.
+    """
+
+    def __init__(self, name: Lane, turns: Turns) -> None:
+        self.name, self.turns = name, turns
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with a process that knows of nothing."""
+        self.busy_since: float | None = None
+        self.replies: asyncio.Queue[tuple[PlanReply | PlanFailure, list[bytes]]] = asyncio.Queue()
 
 
 class Dispatcher:
@@ -134,8 +159,7 @@ class Dispatcher:
         self._changed = asyncio.Event()
         self._places = Shares("places in the queue", settings.max_queue, settings.client_share)
         self._unread = Shares("bytes of plans", settings.max_unread, settings.client_share, self._changed.set)
-        self._turns = Turns(settings.shares_of_time)
-        self._busy_since: float | None = None
+        self._lanes = {name: LaneState(name, Turns(settings.shares_of_time)) for name in LANES}
 
     @property
     def full(self) -> bool:
@@ -144,9 +168,9 @@ class Dispatcher:
 
     @property
     def busy(self) -> float:
-        """How long the process has been at its present batch (s)."""
-        since = self._busy_since
-        return 0.0 if since is None else time.perf_counter() - since
+        """How long the process has been at its present batch, of both lanes the older one (s)."""
+        began = [lane.busy_since for lane in self._lanes.values() if lane.busy_since is not None]
+        return time.perf_counter() - min(began) if began else 0.0
 
     def check_room(self, client: str) -> None:
         """Check that a client's job would be taken.
@@ -191,33 +215,60 @@ class Dispatcher:
         """
         self.process = child.number
         log.info("ready: model %s, in process %d", self.manifest.name, child.number)
+        try:
+            async with asyncio.TaskGroup() as work:
+                work.create_task(self._sort_replies(child))
+                for lane in self._lanes.values():
+                    lane.begin()
+                    work.create_task(self._serve(child, lane))
+        except ExceptionGroup as errors:
+            raise errors.exceptions[0] from None
+
+    async def _sort_replies(self, child: Child) -> None:
+        """Give each lane what comes for it.
+
+        Raises:
+            EOFError: the process has ended.
+        """
+        while True:
+            reply, body = await child.receive()
+            self._lanes[reply.lane].replies.put_nowait((reply, body))
+
+    async def _serve(self, child: Child, lane: LaneState) -> None:
+        """Let the process plan what waits in a lane, batch after batch.
+
+        Raises:
+            TimeoutError: it is at one for too long.
+        """
         last = 1
         while True:
-            batch = await self._next_batch(last)
+            batch = await self._next_batch(lane, last)
             last = len(batch)
             try:
                 async with asyncio.timeout(self._settings.hang_deadlines * self._settings.deadline):
-                    await self._plan(child, batch)
+                    await self._plan(child, lane, batch)
             finally:
                 for one in batch:
                     if not one.result.done():
                         one.drop(Problem("failed", "the planning process ended"))
 
     def _lost(self) -> None:
-        self.process = self._busy_since = None
+        self.process = None
+        for lane in self._lanes.values():
+            lane.begin()
         for one in list(self._queue):
             one.drop(Problem("not-ready", "the planning process ended before the plan was made", headers=AGAIN))
         self._set_queue()
 
-    async def _next_batch(self, last: int) -> list[QueuedJob]:
+    async def _next_batch(self, lane: LaneState, last: int) -> list[QueuedJob]:
         """Wait for jobs and return the next one with all that fit it; `last` were in the batch before."""
-        if last > 1 and 0 < len(self._queue) < last:
+        if last > 1 and 0 < len(self._waiting(lane)) < last:
             await asyncio.sleep(self._settings.batch_window_ms * 1e-3)
         while True:
             self._changed.clear()
             batch: list[QueuedJob] = []
             chunks = 0
-            for one in self._in_turn():
+            for one in self._in_turn(lane):
                 more = chunks + one.job.chunks
                 if batch and (not _together(one, batch[0]) or more > self._settings.max_chunks):
                     continue
@@ -234,23 +285,26 @@ class Dispatcher:
                 return batch
             await self._changed.wait()
 
-    def _in_turn(self) -> Iterator[QueuedJob]:
-        """Yield what waits: of each client the oldest, then of each the next, and so on."""
+    def _waiting(self, lane: LaneState) -> list[QueuedJob]:
+        """Return what waits in a lane."""
+        return [one for one in self._queue if one.job.lane == lane.name]
+
+    def _in_turn(self, lane: LaneState) -> Iterator[QueuedJob]:
+        """Yield what waits in a lane: of each client the oldest, then of each the next, and so on."""
         waiting: defaultdict[str, deque[QueuedJob]] = defaultdict(deque)
-        for one in self._queue:
+        for one in self._waiting(lane):
             waiting[one.client].append(one)
-        order = self._turns.order(waiting)
+        order = lane.turns.order(waiting)
         while order:
             for client in order:
                 yield waiting[client].popleft()
             order = [client for client in order if waiting[client]]
 
-    async def _plan(self, child: Child, batch: list[QueuedJob]) -> None:
-        begin = self._busy_since = time.perf_counter()
-        child.send([one.job.data for one in batch])
+    async def _plan(self, child: Child, lane: LaneState, batch: list[QueuedJob]) -> None:
+        begin = lane.busy_since = time.perf_counter()
+        child.send(Batch(lane.name, [one.job.data for one in batch]))
         for _ in batch:
-            reply: PlanReply | PlanFailure
-            reply, body = await child.receive()
+            reply, body = await lane.replies.get()
             one = batch[reply.number]
             waited = begin - one.entered
             self._metrics.queue_time.observe(waited)
@@ -263,8 +317,8 @@ class Dispatcher:
                 one.finish(reply.error or Problem("failed", "the plan could not be made"))
         taken = time.perf_counter() - begin
         for one in batch:
-            self._turns.charge(one.client, taken / len(batch))
-        self._busy_since = None
+            lane.turns.charge(one.client, taken / len(batch))
+        lane.busy_since = None
 
     def _set_queue(self, *jobs: QueuedJob) -> None:
         """Let these jobs wait, and no others."""

@@ -10,8 +10,9 @@ from __future__ import annotations
 import pickle
 import socket
 import struct
+import threading
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from runtime import Command, Friction, InputError, Limits, Reading, Sizes, Start
 from runtime.documents.checks import FloatArray
 from runtime.network.manifest import Manifest
 from runtime.physics.law import DT
+from server.planning.bounds import SHORT_CHUNKS
 from server.problems import Problem
 
 LENGTHS = struct.Struct("<QQ")
@@ -26,6 +28,15 @@ LENGTHS = struct.Struct("<QQ")
 
 BUFFER = 1 << 20
 """Bytes that may wait between the processes, as far as the system allows: about three plans."""
+
+PIECE = 1 << 16
+"""Bytes of a plan that the server handles at a time: what it reads, copies and sends in one go is soon done."""
+
+Lane = Literal["short", "long"]
+"""Which jobs: those of a few chunks that can be planned together, or all others. Each lane is planned in a thread of
+its own."""
+
+LANES: tuple[Lane, Lane] = "short", "long"
 
 
 class PlannerOptions(NamedTuple):
@@ -49,7 +60,7 @@ class ReaderOptions(NamedTuple):
 
     Attributes:
         manifest: of the bundle.
-        max_samples, max_commands, max_refine_ms, max_candidates, max_chunks: of the settings.
+        max_samples, max_commands, max_refine_ms, max_candidates, max_chunks, shares_of_time: of the settings.
     """
 
     manifest: Manifest
@@ -58,6 +69,7 @@ class ReaderOptions(NamedTuple):
     max_refine_ms: float
     max_candidates: int
     max_chunks: int
+    shares_of_time: dict[str, float]
 
 
 class GivenCommand(NamedTuple):
@@ -87,7 +99,7 @@ class GivenCommand(NamedTuple):
 
 
 class PlanJob(NamedTuple):
-    """One command to be planned, in the runtime's terms; a list of them is one batch.
+    """One command to be planned, in the runtime's terms.
 
     Attributes:
         given: the command.
@@ -129,18 +141,37 @@ class ReadJob(NamedTuple):
     chunks: int
     key: tuple[int, float | None] | None
 
+    @property
+    def lane(self) -> Lane:
+        """Where it is planned."""
+        return "long" if self.key is None or self.chunks > SHORT_CHUNKS else "short"
+
+
+class Batch(NamedTuple):
+    """Jobs that are planned together.
+
+    Attributes:
+        lane: of all of them.
+        jobs: PlanJobs, pickled.
+    """
+
+    lane: Lane
+    jobs: list[bytes]
+
 
 class ReadRequest(NamedTuple):
     """A body that is to be read.
 
     Attributes:
         number: of the request.
+        client: who sent it.
         kind: what it is: the name of a function of `server.planning.reading`.
         body: as it came.
         options: for that function.
     """
 
     number: int
+    client: str
     kind: str
     body: bytes
     options: dict[str, Any]
@@ -162,6 +193,7 @@ class PlanReply(NamedTuple):
     """About a plan, which follows.
 
     Attributes:
+        lane: of its batch.
         number: of the job in its batch, from 0.
         status: of the plan.
         together: plans made together, said with the first of them; 0 with the others.
@@ -169,6 +201,7 @@ class PlanReply(NamedTuple):
         write: time to write this plan (s).
     """
 
+    lane: Lane
     number: int
     status: str
     together: int
@@ -181,10 +214,12 @@ class PlanFailure(NamedTuple):
     """About a plan that could not be made.
 
     Attributes:
+        lane: of its batch.
         number: of the job in its batch, from 0.
         error: what is wrong with the job, or why it cannot be done now; None if neither is known.
     """
 
+    lane: Lane
     number: int
     error: InputError | Problem | None
 
@@ -196,14 +231,14 @@ def frame(message: object, follows: int = 0) -> bytes:
 
 
 class Channel:
-    """A process's end of the socket to its server.
+    """A process's end of the socket to its server; several threads may send.
 
     Args:
         connection: the end; blocking.
     """
 
     def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
+        self._connection, self._sending = connection, threading.Lock()
 
     def receive(self) -> Any:
         """Return the next message.
@@ -216,8 +251,9 @@ class Channel:
 
     def send(self, message: object, follows: bytes = b"") -> None:
         """Send a message and what follows it."""
-        self._connection.sendall(frame(message, len(follows)))
-        self._connection.sendall(follows)
+        with self._sending:
+            self._connection.sendall(frame(message, len(follows)))
+            self._connection.sendall(follows)
 
     def fileno(self) -> int:
         """Return the number of the socket, to be waited for."""

@@ -17,7 +17,7 @@ from typing import Any
 
 from runtime import BundleError
 from server.logs import Seldom
-from server.planning.messages import BUFFER, LENGTHS, frame
+from server.planning.messages import BUFFER, LENGTHS, PIECE, frame
 
 log = logging.getLogger("slide-serve")
 
@@ -97,15 +97,20 @@ class Child:
         """Send a message; it goes as the process reads."""
         self._writer.write(frame(message))
 
-    async def receive(self) -> tuple[Any, bytes]:
-        """Return the next message and what follows it.
+    async def receive(self) -> tuple[Any, list[bytes]]:
+        """Return the next message and what follows it, in pieces.
 
         Raises:
             EOFError: the process has ended.
         """
         try:
             length, follows = LENGTHS.unpack(await self._reader.readexactly(LENGTHS.size))
-            return pickle.loads(await self._reader.readexactly(length)), await self._reader.readexactly(follows)
+            message = pickle.loads(await self._reader.readexactly(length))
+            pieces = []
+            while follows:
+                pieces.append(await self._reader.readexactly(min(PIECE, follows)))
+                follows -= len(pieces[-1])
+            return message, pieces
         except (asyncio.IncompleteReadError, ConnectionError):
             raise EOFError from None
 

@@ -64,7 +64,7 @@ class Reader:
         Raises:
             Problem: what is wrong with it; `not-ready` if the process ended, `deadline` if it took too long.
         """
-        request = ReadRequest(next(self._numbers), kind, body, options)
+        request = ReadRequest(next(self._numbers), client, kind, body, options)
         one = _Waiting(client, request, asyncio.get_running_loop().create_future())
         self._waiting.append(one)
         self._send()

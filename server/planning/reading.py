@@ -1,8 +1,8 @@
 """The reading process: it parses and checks what clients send, so that nobody waits for the longest of it.
 
 The server starts it with one end of a socket and sends ReaderOptions; the answer is "". From then on each ReadRequest
-is answered by a ReadReply. Bodies are read side by side, a command at a time: a short one does not wait for the end of
-a long one. The process ends when the socket does.
+is answered by a ReadReply. Bodies are read side by side, a command at a time, and the next step is for the client that
+has had the least time: a short body does not wait for the end of a long one. The process ends when the socket does.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import select
 import signal
 import socket
 import sys
-from collections import deque
+import time
+from collections import defaultdict, deque
 from collections.abc import Generator
 from contextlib import suppress
 from typing import Any
@@ -39,14 +40,12 @@ from server.http.schemas import (
     to_job,
     to_start,
 )
-from server.planning.bounds import stop_samples
+from server.planning.bounds import BRACKET, check_positions, stop_samples
 from server.planning.messages import Channel, PlanJob, ReaderOptions, ReadJob, ReadReply, ReadRequest
 from server.problems import Problem, for_input
+from server.shares import Turns
 
 log = logging.getLogger("slide-serve")
-
-OTHER_BRACKETS = 1000
-"""Brackets of a request that may belong to something else than positions."""
 
 MOST_POINTS = 200_000
 """Most positions of a file; of a recording at 10 kHz 20 s."""
@@ -60,7 +59,6 @@ Steps = Generator[None, None, Any]
 
 def plan(options: ReaderOptions, body: bytes, npz: bool = False) -> Steps:
     """Read the body of `POST /plan`: a list of one ReadJob."""
-    _check_positions(body, options)
     asked = read(PlanRequest, body)
     yield
     command = to_command(asked.command, options.max_samples, "command")
@@ -81,17 +79,6 @@ def plans(options: ReaderOptions, body: bytes) -> Steps:
     return result
 
 
-def _check_positions(body: bytes, options: ReaderOptions) -> None:
-    """Send away what has too many positions before it is parsed: each needs a bracket.
-
-    Raises:
-        Problem: `invalid`.
-    """
-    found = body.count(b"]")
-    if found > options.max_samples + OTHER_BRACKETS:
-        raise Problem("invalid", f"the command has about {found} positions, at most {options.max_samples} are taken")
-
-
 def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob:
     chunks = -(-len(command) // chunk_samples(options.manifest, job.limits)) * (job.candidates or 1)
     if chunks > options.max_chunks and job.candidates is not None:
@@ -104,7 +91,7 @@ def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob
 
 def stream(options: ReaderOptions, body: bytes) -> Steps:
     """Read what opens a stream: the Command, its PlanJob, whether messages are packed, and along how many axes."""
-    _check_positions(body, options)
+    check_positions(body.count(BRACKET), options.max_samples)
     asked = read(StreamRequest, body)
     yield
     command = to_command(asked.command, options.max_samples, "command")
@@ -156,29 +143,42 @@ def serve(channel: Channel) -> None:
     options: ReaderOptions = channel.receive()
     gc.freeze()  # what is loaded stays: it need not be looked through again and again
     channel.send("")
-    turns: deque[tuple[int, Steps]] = deque()
+    turns = Turns(options.shares_of_time)
+    bodies: defaultdict[str, deque[tuple[int, Steps]]] = defaultdict(deque)
     while True:
-        while not turns or select.select([channel], [], [], 0.0)[0]:
+        while not bodies or select.select([channel], [], [], 0.0)[0]:
             request: ReadRequest = channel.receive()
-            turns.append((request.number, KINDS[request.kind](options, request.body, **request.options)))
+            steps = KINDS[request.kind](options, request.body, **request.options)
+            bodies[request.client].append((request.number, steps))
             del request
-        number, steps = turns.popleft()
-        try:
-            next(steps)
-        except StopIteration as end:
-            channel.send(ReadReply(number, end.value))
-        except MemoryError:
-            problem = Problem("invalid", f"to read this takes more than {MOST_MEMORY >> 20} MiB")
-            channel.send(ReadReply(number, problem))
-        except MissingExtraError as error:
-            channel.send(ReadReply(number, Problem("invalid", str(error))))
-        except (Problem, InputError) as problem:
-            channel.send(ReadReply(number, problem))
-        except Exception:
-            log.exception("reading failed")
-            channel.send(ReadReply(number, Problem("failed")))
+        client = turns.order(bodies)[0]
+        begin, (number, steps) = time.perf_counter(), bodies[client].popleft()
+        reply = _step(number, steps)
+        if reply is None:
+            bodies[client].append((number, steps))
         else:
-            turns.append((number, steps))
+            channel.send(reply)
+        turns.charge(client, time.perf_counter() - begin)
+        if not bodies[client]:
+            del bodies[client]
+
+
+def _step(number: int, steps: Steps) -> ReadReply | None:
+    """Take one step of reading a body; return what came of it if it was the last one."""
+    try:
+        next(steps)
+    except StopIteration as end:
+        return ReadReply(number, end.value)
+    except MemoryError:
+        return ReadReply(number, Problem("invalid", f"to read this takes more than {MOST_MEMORY >> 20} MiB"))
+    except MissingExtraError as error:
+        return ReadReply(number, Problem("invalid", str(error)))
+    except (Problem, InputError) as problem:
+        return ReadReply(number, problem)
+    except Exception:
+        log.exception("reading failed")
+        return ReadReply(number, Problem("failed"))
+    return None
 
 
 def main() -> None:

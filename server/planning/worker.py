@@ -1,8 +1,9 @@
 """The planning process: it plans, judges and writes, so that the server's event loop has only bytes to move.
 
 The server starts it with one end of a socket and sends PlannerOptions; the answer is what is wrong, or nothing, "".
-From then on each list of PlanJob is one batch, answered by a PlanReply and the plan, or a PlanFailure, for each of it,
-as soon as it is written. The process ends when the socket does.
+From then on each job of a Batch is answered by a PlanReply and the plan, or a PlanFailure, as soon as it is written.
+There is a thread for the short jobs and one for the long ones, so that a plan of some milliseconds never waits for one
+of some hundred. The process ends when the socket does.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from queue import SimpleQueue
 
 import numpy as np
 import orjson
@@ -27,7 +29,7 @@ from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.physics.law import compile_law
 from server import logs
-from server.planning.messages import Channel, PlanFailure, PlanJob, PlannerOptions, PlanReply
+from server.planning.messages import LANES, Batch, Channel, Lane, PlanFailure, PlanJob, PlannerOptions, PlanReply
 from server.problems import Problem
 from server.shares import AGAIN
 
@@ -43,12 +45,21 @@ PLAN_OPTIONS = ("limits", "start", "sizes", "tolerance", "candidates", "robust",
 AGREEMENT = 1e-6
 """Largest distance (m) between a plan made alone and the same one made in a batch."""
 
+SWITCH = 5e-4
+"""Longest time (s) that one thread runs Python while the other wants to: a short plan has to ask some ten times."""
+
+
+class Spent(threading.local):
+    """Time (s) that a thread has spent."""
+
+    seconds = 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class TimedBundle(Bundle):
-    """A bundle that adds up the time its encoder takes (s); for one thread."""
+    """A bundle that adds up the time that its encoder takes of each thread."""
 
-    spent: list[float] = field(default_factory=lambda: [0.0])
+    spent: Spent = field(default_factory=Spent)
 
     def encode(self, command: Float32Array) -> LstmState:
         """Read commands, as every bundle does."""
@@ -56,7 +67,7 @@ class TimedBundle(Bundle):
         try:
             return super().encode(command)
         finally:
-            self.spent[0] += time.perf_counter() - begin
+            self.spent.seconds += time.perf_counter() - begin
 
 
 class Worker:
@@ -86,37 +97,54 @@ class Worker:
             self._compiling = threading.Thread(target=compile_all, args=(options,), daemon=True)
             self._compiling.start()
         self._channel.send("")
-        while True:
-            batch = [pickle.loads(data) for data in self._channel.receive()]
-            self._plan(batch, range(len(batch)))
+        waiting: dict[Lane, SimpleQueue[list[bytes] | None]] = {lane: SimpleQueue() for lane in LANES}
+        threads = [threading.Thread(target=self._serve, args=each) for each in waiting.items()]
+        for thread in threads:
+            thread.start()
+        try:
+            while True:
+                batch: Batch = self._channel.receive()
+                waiting[batch.lane].put(batch.jobs)
+        finally:
+            for queue in waiting.values():
+                queue.put(None)
+            for thread in threads:
+                thread.join()
 
-    def _plan(self, batch: list[PlanJob], indices: range) -> None:
+    def _serve(self, lane: Lane, waiting: SimpleQueue[list[bytes] | None]) -> None:
+        """Plan what comes in a lane, until there is None."""
+        with suppress(ConnectionError):
+            while (jobs := waiting.get()) is not None:
+                batch = [pickle.loads(data) for data in jobs]
+                self._plan(lane, batch, range(len(batch)))
+
+    def _plan(self, lane: Lane, batch: list[PlanJob], indices: range) -> None:
         """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
-        begin, self._bundle.spent[0] = time.perf_counter(), 0.0
+        begin, self._bundle.spent.seconds = time.perf_counter(), 0.0
         if batch[indices[0]].refine_ms is not None and self._compiling is not None and self._compiling.is_alive():
             compiling = Problem("not-ready", "refinement is being compiled, which takes seconds", headers=AGAIN)
-            self._channel.send(PlanFailure(indices[0], compiling))
+            self._channel.send(PlanFailure(lane, indices[0], compiling))
             return
         try:
             plans = self._plans([batch[index] for index in indices])
         except Exception as error:
             if len(indices) > 1:
                 for index in indices:
-                    self._plan(batch, range(index, index + 1))
+                    self._plan(lane, batch, range(index, index + 1))
                 return
             if isinstance(error, MissingExtraError):
                 error = InputError(f"the server cannot refine a plan: {error}", "refine_ms")
             elif not isinstance(error, InputError):
                 log.exception("planning failed")
-            self._channel.send(PlanFailure(indices[0], error if isinstance(error, InputError) else None))
+            self._channel.send(PlanFailure(lane, indices[0], error if isinstance(error, InputError) else None))
             return
-        encode, together = self._bundle.spent[0], len(indices)
+        encode, together = self._bundle.spent.seconds, len(indices)
         decode = time.perf_counter() - begin - encode
         for index, plan in zip(indices, plans, strict=True):
             begin = time.perf_counter()
             body = plan.to_npz() if batch[index].npz else as_json(plan)
             write = time.perf_counter() - begin
-            self._channel.send(PlanReply(index, plan.quality.status.value, together, encode, decode, write), body)
+            self._channel.send(PlanReply(lane, index, plan.quality.status.value, together, encode, decode, write), body)
             together = 0
 
     def _plans(self, jobs: list[PlanJob]) -> list[Plan]:
@@ -185,5 +213,6 @@ def main(load: Callable[[PlannerOptions], Planner] = load_planner) -> None:
     for stop in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a terminal or a service: the server stops
         signal.signal(stop, signal.SIG_IGN)
     logs.set_up("text")
+    sys.setswitchinterval(SWITCH)
     with socket.socket(fileno=int(sys.argv[-1])) as connection, suppress(EOFError, ConnectionError):
         Worker(Channel(connection), load).run()
