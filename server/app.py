@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import orjson
 from fastapi import FastAPI, Request
@@ -24,16 +25,25 @@ from server.planning.process import PLANNING_COMMAND
 from server.problems import Problem, for_input, for_status
 from server.service import Service
 from server.settings import Settings
+from server.traces import trace
+
+if TYPE_CHECKING:
+    from opentelemetry.sdk.trace import TracerProvider
 
 STATIC = Path(__file__).parent / "static"
 
 
-def create_app(settings: Settings | None = None, command: Sequence[str] = PLANNING_COMMAND) -> FastAPI:
+def create_app(
+    settings: Settings | None = None,
+    command: Sequence[str] = PLANNING_COMMAND,
+    tracing: TracerProvider | None = None,
+) -> FastAPI:
     """Make the application.
 
     Args:
         settings: what the server is told; from the environment if None.
         command: how the planning process is run.
+        tracing: what makes spans; None for none.
     """
     service = Service(Settings() if settings is None else settings, command)
 
@@ -70,6 +80,8 @@ def create_app(settings: Settings | None = None, command: Sequence[str] = PLANNI
     app.router.default = StaticFiles(directory=STATIC, html=True)
     app.openapi = partial(describe, app)  # type: ignore[method-assign]
     app.add_middleware(Guard, service=service)
+    if tracing is not None:
+        trace(app, tracing)
     return app
 
 

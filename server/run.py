@@ -11,7 +11,7 @@ import time
 from contextvars import Context
 from functools import partial
 from types import FrameType
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 import uvicorn
@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from runtime.cli.console import BAD_INPUT
-from runtime.errors import InputError
+from runtime.errors import InputError, MissingExtraError
 from runtime.interrupt import INTERRUPTED
 from server import logs
 from server.app import create_app
@@ -28,6 +28,10 @@ from server.http.connections import give_up, keep_deadlines, most_connections
 from server.http.protocol import GuardedProtocol
 from server.http.websocket import GuardedWebSocket
 from server.settings import SECRETS, Settings, variable
+from server.traces import provider_from_variables, send_the_rest
+
+if TYPE_CHECKING:
+    from opentelemetry.sdk.trace import TracerProvider
 
 log = logging.getLogger("slide-serve")
 
@@ -54,7 +58,8 @@ def slide_serve(**given: Any) -> None:
         raise InputError(_first_of(error)) from None
     logs.set_up(settings.log)
     sockets = [_listen(settings.host, settings.port)]
-    app = create_app(settings)
+    tracing = _tracing()
+    app = create_app(settings, tracing=tracing)
     if settings.metrics_port is not None:
         sockets.append(_listen(settings.host, settings.metrics_port))
         app.state.service.metrics_port = sockets[1].getsockname()[1]
@@ -63,10 +68,21 @@ def slide_serve(**given: Any) -> None:
         host, port = listening.getsockname()[:2]
         log.info("listening on http://%s:%d%s", f"[{host}]" if ":" in str(host) else host, port, what)
     server.run(sockets=sockets)
+    if tracing is not None:
+        send_the_rest(tracing)
     if app.state.service.failure is not None:
         raise typer.Exit(BAD_INPUT)
     if server.interrupted:
         raise typer.Exit(INTERRUPTED)
+
+
+def _tracing() -> TracerProvider | None:
+    """Return what sends traces; None, and a line says why, where the variables ask for it and the extra is missing."""
+    try:
+        return provider_from_variables()
+    except MissingExtraError as error:
+        log.warning("traces are not sent: %s", error)
+        return None
 
 
 def _option(name: str, field: FieldInfo) -> inspect.Parameter:

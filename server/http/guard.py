@@ -26,6 +26,8 @@ HEALTH = ("/health/live", "/health/ready")
 OPEN_TO_SCRAPES = ("/metrics", *HEALTH)
 """What there is at the port for figures."""
 
+REQUEST_HEADER = "X-Request-ID"
+
 REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 """What a request's name may be."""
 
@@ -76,7 +78,7 @@ class Guard:
                 headers = MutableHeaders(scope=message)
                 for name, value in SECURITY_HEADERS.items():
                     headers.setdefault(name, value)
-                headers["X-Request-ID"] = request_id.get()
+                headers[REQUEST_HEADER] = request_id.get()
                 headers.setdefault("Cache-Control", "no-cache" if "etag" in headers else "no-store")
             await send(message)
 
@@ -116,7 +118,7 @@ class Guard:
 
 def name_request(scope: Scope) -> str:
     """Return the name of a request: the one that a proxy or a client gave it, if it is one, or a new one."""
-    given = Headers(scope=scope).get("x-request-id", "")
+    given = Headers(scope=scope).get(REQUEST_HEADER, "")
     return given if REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
 
 

@@ -28,7 +28,7 @@ from runtime import Command, InputError, Planner, Start, Stream
 from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT, Chunk, Step, pack_chunk, unpack_step
 from runtime.documents.checks import FloatArray
 from server.http.doors import check_host, check_origin, client_of
-from server.http.guard import name_request
+from server.http.guard import REQUEST_HEADER, name_request
 from server.http.schemas import StepRequest, read, to_start
 from server.http.websocket import POLICY_VIOLATION
 from server.logs import request_id
@@ -126,9 +126,11 @@ async def stream(socket: WebSocket) -> None:
             planner, reader = service.planner, service.reader
             stack.enter_context(service.streaming(client))
         except Problem as refusal:
-            await socket.send_denial_response(refusal.response())
+            response = refusal.response()
+            response.headers[REQUEST_HEADER] = request_id.get()
+            await socket.send_denial_response(response)
             return
-        await socket.accept()
+        await socket.accept(headers=[(REQUEST_HEADER.lower().encode(), request_id.get().encode())])
         try:
             await Follower(socket, service, planner, reader, client).follow()
         except (Problem, InputError) as error:

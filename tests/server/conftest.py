@@ -66,11 +66,11 @@ def received(connection: socket.socket) -> bytes:
 
 
 @contextmanager
-def running(command: Sequence[str] = PLANNING_COMMAND, **settings: Any) -> Iterator[Running]:
-    """Run a server with these settings until the block is left; it plans by this command."""
+def running(command: Sequence[str] = PLANNING_COMMAND, *, tracing: Any = None, **settings: Any) -> Iterator[Running]:
+    """Run a server with these settings until the block is left; it plans by this command, and traces what is asked."""
     listening = socket.create_server(("127.0.0.1", 0))
     given = {"port": 0, "max_refine_ms": 0.0, **settings}  # a process that refines compiles first
-    app = create_app(Settings(**given), command)
+    app = create_app(Settings(**given), command, tracing)
     server = Server(app, app.state.service.settings)
     thread = threading.Thread(target=lambda: asyncio.run(server.serve(sockets=[listening])), daemon=True)
     thread.start()
