@@ -10,11 +10,11 @@ import numpy as np
 from runtime.command import Command
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.network.general import situation_of, units_of
+from runtime.network.general import units_of_one
 from runtime.network.job import Job
 from runtime.network.manifest import ONE_PAN, TRAINED_ON, Manifest
 from runtime.network.units import ACCELERATION
-from runtime.physics.law import DT
+from runtime.physics.law import DT, GRAVITY
 from runtime.physics.motion import lengths
 from runtime.start import Start
 
@@ -58,8 +58,8 @@ def asked_of_general(job: Job, fastest: float) -> dict[str, float]:
         fastest: largest limit on speed that was trained on (m/s); a larger one is as good as none, which was, too.
     """
     limits, friction = job.limits, job.friction
-    units = units_of([job._replace(reach_used=1.0)])
-    weight = float(situation_of([job], units).gravity[0]) / ACCELERATION
+    units = units_of_one(limits)
+    weight = GRAVITY / float(units.acceleration[0]) / ACCELERATION
     step, velocity_unit = float(units.time[0]), float(units.velocity[0])
     span = max(1, round(SPAN * step))
     velocity = _mean_velocity(job.command.position, span)

@@ -132,7 +132,7 @@ def _sampled(t: FloatArray, position: FloatArray, points: Points, reading: Readi
     grid = np.arange(int((duration + CLOCK_RESOLUTION) / DT) + 1) * DT
     if len(grid) < 2:
         raise InputError(f"t spans {duration:g} s, at least {DT:g} s are needed", "t")
-    if len(grid) == len(t) and np.allclose(elapsed, grid, rtol=0.0, atol=CLOCK_RESOLUTION):
+    if len(grid) == len(t) and np.abs(elapsed - grid).max() <= CLOCK_RESOLUTION:
         made, left = position, 0.0
     else:
         at = np.minimum(grid, duration)

@@ -69,7 +69,7 @@ def ask_unit(position: FloatArray, drawing: bool) -> None:
             f"a drawing has no unit of length, and goes {reach:.4g} from its first point: --size 0.1 makes that 0.1 m",
             "position",
         )
-    if np.quantile(distance, MOSTLY) <= MAX_REACH:
+    if reach <= MAX_REACH or np.quantile(distance, MOSTLY) <= MAX_REACH:
         return
     whole = bool((position == np.round(position)).all())
     low, high = USUAL_REACH

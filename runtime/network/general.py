@@ -8,6 +8,7 @@ the middles of its samples, or where these are shorter than a millisecond, the m
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -221,7 +222,13 @@ def _coefficients(job: Job) -> tuple[float, float]:
 
 def time_of(limits: Limits, reach_used: float = 1.0) -> float:
     """Return how long a sample of the network's time lasts (ms), for a pan that is told this share of its reach."""
-    return float(Units.of(*(np.array([each]) for each in _told(limits, reach_used))).time[0])
+    return float(units_of_one(limits, reach_used).time[0])
+
+
+@lru_cache(maxsize=1024)
+def units_of_one(limits: Limits, reach_used: float = 1.0) -> Units:
+    """Return the units of a pan that is told this share of its reach, (1,)."""
+    return Units.of(*(np.array([each]) for each in _told(limits, reach_used)))
 
 
 def chunk_of(step: float) -> int:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from runtime.network.general import units_of
+from runtime.network.general import units_of_one
 from runtime.network.job import Job
 from runtime.physics.law import DT
 from runtime.physics.motion import lengths
@@ -27,7 +27,7 @@ def with_reach(job: Job) -> Job:
     position = job.command.position
     before = np.concatenate([np.repeat(position[:1], SPAN, axis=0), position])
     fastest = float(lengths(before[SPAN:] - before[:-SPAN]).max()) / (SPAN * DT)
-    unit = float(units_of([job._replace(reach_used=1.0)]).velocity[0])
+    unit = float(units_of_one(job.limits).velocity[0])
     wanted = PER_SPEED["level" if job.limits.level else "lifting"] * fastest / unit
     return job._replace(reach_used=nearest(wanted))
 

@@ -28,22 +28,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.friction import Friction
-from runtime.physics.compiled import compile_together, compiler
+from runtime.physics.compiled import Compiler, compile_together, compiler
 
 
 def slide(state: FloatArray, u: FloatArray, frictions: Sequence[Friction]) -> FloatArray:
     """Slide B objects, each under its friction: (B, 4), (B, C, 2) or (B, C, 3) -> (B, C, 4); see `slide_one`."""
-    if one_by_one(len(state)):
-        return np.stack([slide_one(*one) for one in zip(state, u, frictions, strict=True)])
     static = np.array([friction.static for friction in frictions])
     kinetic = np.array([friction.kinetic for friction in frictions])
+    compiled = _compiled  # which another thread may replace
+    if compiled is not None:
+        return compiled.slide(state, u, static, kinetic)
+    if len(state) < BATCHED_FROM:
+        return np.stack([slide_one(*one) for one in zip(state, u, frictions, strict=True)])
     return slide_batch(state, u, static, kinetic)
 
 
@@ -125,16 +127,14 @@ def slide_one(state: FloatArray, acceleration: FloatArray, friction: Friction, d
         InputError: the pan falls away from the object.
     """
     static, kinetic = friction.static, friction.kinetic
+    compiled = _compiled  # which another thread may replace
+    if compiled is not None:
+        along = compiled.slide(state[None], acceleration[None], np.array([static]), np.array([kinetic]), dt)
+        return along.reshape(-1, 4)
     px, py, vx, vy = state.tolist()
     lifts = acceleration.shape[1] == 3 and bool(acceleration[:, 2].any())
     if lifts:
         check_contact(acceleration)
-    compiled = _compiled  # which another thread may replace
-    if compiled is not None:
-        u = np.ascontiguousarray(acceleration, dtype=np.float64)
-        out = np.empty((len(u), 4))
-        compiled(px, py, vx, vy, u, static, kinetic, GRAVITY, dt, out)
-        return out
     states = []
     if lifts:
         for ux, uy, w in acceleration.tolist():
@@ -156,9 +156,9 @@ def check_contact(acceleration: FloatArray) -> None:
     Raises:
         InputError: one of them does not; the sample is named.
     """
-    lost = np.argwhere(~(acceleration[..., 2] > -GRAVITY))
-    if len(lost):
-        where = tuple(lost[0].tolist())
+    kept = acceleration[..., 2] > -GRAVITY
+    if not kept.all():
+        where = tuple(np.argwhere(~kept)[0].tolist())
         raise InputError(
             f"the pan falls away from the object: it accelerates upwards by {acceleration[..., 2][where]:g} m/s^2 in "
             f"sample {where[-1]}, which must be above -{GRAVITY:g} m/s^2"
@@ -166,27 +166,65 @@ def check_contact(acceleration: FloatArray) -> None:
 
 
 def slide_along(
-    px: float,
-    py: float,
-    vx: float,
-    vy: float,
+    states: FloatArray,
     u: FloatArray,
-    static: float,
-    kinetic: float,
+    static: FloatArray,
+    kinetic: FloatArray,
     gravity: float,
     dt: float,
     out: FloatArray,
 ) -> None:
-    """Fill `out` (n, 4) with the states after each of the accelerations `u` (n, 2) or (n, 3): `slide_one`, compiled."""
-    lifts = u.shape[1] == 3
-    for k in range(len(u)):
-        normal = gravity + u[k, 2] if lifts else gravity
-        px, py, vx, vy = slide_step(px, py, vx, vy, u[k, 0], u[k, 1], static * normal, kinetic * normal, dt)
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = px, py, vx, vy
+    """Fill `out` (B, n, 4) with the states after each of the accelerations `u` (A, n, 2 or 3), to be compiled."""
+    each = len(states) // len(u)
+    lifts = u.shape[2] == 3
+    for row in range(len(states)):
+        pushed = u[row // each]
+        px, py, vx, vy = states[row, 0], states[row, 1], states[row, 2], states[row, 3]
+        for k in range(len(pushed)):
+            normal = gravity + pushed[k, 2] if lifts else gravity
+            px, py, vx, vy = slide_step(
+                px, py, vx, vy, pushed[k, 0], pushed[k, 1], static[row] * normal, kinetic[row] * normal, dt
+            )
+            out[row, k, 0], out[row, k, 1], out[row, k, 2], out[row, k, 3] = px, py, vx, vy
 
 
-_compiled: Any = None
-"""`slide_along`, compiled, once `compile_law` was called."""
+class CompiledLaw:
+    """The law as numba runs it: `slide_one` of many objects, to the last bit.
+
+    Args:
+        compile_one: compiles a function.
+    """
+
+    def __init__(self, compile_one: Compiler) -> None:
+        self._along = compile_together((slide_step, slide_along), compile_one)["slide_along"]
+        self.slide(np.zeros((1, 4)), np.zeros((1, 1, 2)), np.ones(1), np.ones(1))  # compiles
+
+    def slide(
+        self, states: FloatArray, acceleration: FloatArray, static: FloatArray, kinetic: FloatArray, dt: float = DT
+    ) -> FloatArray:
+        """Slide B objects along A sequences of pan accelerations, B / A of them along each.
+
+        Args:
+            states: (B, 4) object position (m) and velocity (m/s) relative to the pan before the first sample.
+            acceleration: (A, n, 2) or, of pans that lift, (A, n, 3) pan acceleration (m/s^2).
+            static, kinetic: (B,) friction coefficients.
+            dt: sampling interval (s).
+
+        Returns:
+            (B, n, 4) object states after each sample.
+
+        Raises:
+            InputError: a pan falls away from its object.
+        """
+        if acceleration.shape[2] == 3:
+            check_contact(acceleration)
+        states, u = (np.ascontiguousarray(each, dtype=np.float64) for each in (states, acceleration))
+        out = np.empty((len(states), u.shape[1], 4))
+        self._along(states, u, static, kinetic, GRAVITY, dt, out)
+        return out
+
+
+_compiled: CompiledLaw | None = None
 
 
 def compile_law(use: bool = True) -> bool:
@@ -203,20 +241,13 @@ def compile_law(use: bool = True) -> bool:
     if compile_one is None:
         _compiled = None
         return False
-    compiled = compile_together((slide_step, slide_along), compile_one)["slide_along"]
-    compiled(0.0, 0.0, 0.0, 0.0, np.zeros((1, 2)), 1.0, 1.0, GRAVITY, DT, np.empty((1, 4)))  # compiles
-    _compiled = compiled
+    _compiled = CompiledLaw(compile_one)
     return True
 
 
-def law_is_compiled() -> bool:
-    """Return whether numba runs the law; see `compile_law`."""
-    return _compiled is not None
-
-
-def one_by_one(count: int) -> bool:
-    """Return whether that many trajectories are quicker by `slide_one` in a loop than by `slide_batch`."""
-    return count < BATCHED_FROM or law_is_compiled()
+def compiled_law() -> CompiledLaw | None:
+    """Return the law as numba runs it, None where it does not; see `compile_law`."""
+    return _compiled
 
 
 def slide_step_batch(

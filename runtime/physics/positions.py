@@ -14,7 +14,7 @@ import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import DT, GRAVITY, law_is_compiled, slide_one
+from runtime.physics.law import DT, GRAVITY, CompiledLaw, compiled_law
 
 BATCHED_FROM = 16
 """Number of objects from which arrays of them are quicker than one after the other in plain Python."""
@@ -34,9 +34,9 @@ def slide_positions(state: FloatArray, acceleration: FloatArray, frictions: Sequ
     Returns:
         (F, n + 1, 2) object positions before and after each sample (m).
     """
-    if law_is_compiled():
-        after = [slide_one(state, acceleration, friction)[:, :2] for friction in frictions]
-        return np.stack([np.concatenate([state[None, :2], positions]) for positions in after])
+    compiled = compiled_law()
+    if compiled is not None:
+        return _positions(compiled, state[None], acceleration[None], [frictions]).reshape(len(frictions), -1, 2)
     begin, inputs = complex(*state[2:]), _inputs(acceleration)
     out = np.empty((len(frictions), len(acceleration) + 1), dtype=np.complex128)
     out[:, 0] = complex(*state[:2])
@@ -61,12 +61,13 @@ def slide_positions_batch(
     Returns:
         (B, F, n + 1, 2) object positions before and after each sample (m).
     """
-    if law_is_compiled() or len(states) < BATCHED_FROM:
+    compiled = compiled_law()
+    if compiled is not None:
+        return _positions(compiled, states, acceleration, frictions)
+    if len(states) < BATCHED_FROM:
         return np.stack([slide_positions(*one) for one in zip(states, acceleration, frictions, strict=True)])
     batch, samples, columns = acceleration.shape
-    static, kinetic = (
-        np.array([[getattr(each, name) for each in those] for those in frictions]).T for name in ("static", "kinetic")
-    )
+    static, kinetic = (each.T for each in _coefficients(frictions))
     place = np.zeros((2, *static.shape))
     velocity = np.broadcast_to(states.T[2:, None], place.shape)
     out = np.empty((batch, len(static), samples + 1, 2))
@@ -82,6 +83,25 @@ def slide_positions_batch(
         velocity, place = v[-1], moved[-1]
         last = first + len(moved)
         out[:, :, first + 1 : last + 1] = states[:, None, None, :2] + moved.transpose(3, 2, 0, 1)
+    return out
+
+
+def _coefficients(frictions: Sequence[Sequence[Friction]]) -> tuple[FloatArray, FloatArray]:
+    """Return the static and the kinetic coefficients, each (B, F)."""
+    pairs = np.array([[(each.static, each.kinetic) for each in those] for those in frictions])
+    return np.ascontiguousarray(pairs[..., 0]), np.ascontiguousarray(pairs[..., 1])
+
+
+def _positions(
+    compiled: CompiledLaw, states: FloatArray, acceleration: FloatArray, frictions: Sequence[Sequence[Friction]]
+) -> FloatArray:
+    """Return what `slide_positions_batch` does, by the compiled law."""
+    static, kinetic = _coefficients(frictions)
+    begin = np.repeat(states, static.shape[1], axis=0)
+    out = np.empty((*static.shape, acceleration.shape[1] + 1, 2))
+    out[:, :, 0] = states[:, None, :2]
+    after = compiled.slide(begin, acceleration, static.ravel(), kinetic.ravel())
+    out[:, :, 1:] = after[..., :2].reshape(*static.shape, -1, 2)
     return out
 
 
@@ -118,10 +138,17 @@ def slide_to_rest(state: FloatArray, acceleration: FloatArray, friction: Frictio
     Returns:
         Where the object comes to rest (m).
     """
-    begin = complex(*state[2:])
-    velocity = _velocities(begin, *_inputs(acceleration), friction)
-    place = complex(*state[:2]) + (sum(velocity) - 0.5 * (begin + velocity[-1])) * DT
-    last, brake = velocity[-1], friction.kinetic * GRAVITY
+    compiled = compiled_law()
+    if compiled is not None and len(acceleration):
+        static, kinetic = (part[0] for part in _coefficients([[friction]]))
+        end = compiled.slide(state[None], acceleration[None], static, kinetic)[0, -1]
+        place, last = complex(*end[:2]), complex(*end[2:])
+    else:
+        begin = complex(*state[2:])
+        velocity = _velocities(begin, *_inputs(acceleration), friction)
+        place = complex(*state[:2]) + (sum(velocity) - 0.5 * (begin + velocity[-1])) * DT
+        last = velocity[-1]
+    brake = friction.kinetic * GRAVITY
     if last and brake > 0.0:
         place += last * abs(last) / (2.0 * brake)
     return place.real, place.imag

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from runtime.errors import InputError
 from runtime.friction import Friction
-from runtime.physics.law import DT, GRAVITY, compile_law, slide_batch, slide_one, slide_step, slide_step_batch
+from runtime.physics.law import DT, GRAVITY, compile_law, slide, slide_batch, slide_one, slide_step, slide_step_batch
 from runtime.physics.pan import integrate_pan
 
 CASES = 10_000
@@ -216,6 +216,8 @@ def test_compiled_law_moves_objects_as_the_plain_one_does_to_the_last_bit(lifts)
     try:
         assert compile_law()
         compiled = [slide_one(*one, Friction(1.0, 0.5)) for one in zip(starts, u, strict=True)]
+        at_once = slide(starts, u, [Friction(1.0, 0.5)] * len(starts))
     finally:
         assert not compile_law(False)
     np.testing.assert_array_equal(compiled, plain)
+    np.testing.assert_array_equal(at_once, plain)
