@@ -15,12 +15,12 @@ from runtime.assess.assess import cannot_slide
 from runtime.cli.console import DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import FrictionOptions, LimitOptions, SizeOptions, chosen
 from runtime.commands.reading import Reading
-from runtime.errors import OutputError, SlideError
-from runtime.many.folder import begin, describe, done_shards, failures, held, outcomes
+from runtime.errors import InputError, OutputError, SlideError
+from runtime.many.folder import Outcome, begin, describe, done_shards, failures, held, outcomes
 from runtime.many.lerobot import check_new, write_dataset
 from runtime.many.records import SHARD_COMMANDS, Shard, Source, open_source
 from runtime.many.shard import Done, Task
-from runtime.many.workers import plan_shards
+from runtime.many.workers import check_ray, plan_shards
 from runtime.network.bundle import Bundle
 from runtime.outputs.parquet_file import check_parquet
 from runtime.physics.compiled import compiler
@@ -88,6 +88,9 @@ def slide_plan_many(
     check_parquet()
     if lerobot is not None:
         check_new(lerobot)
+    check_apart(source, output)
+    if ray is not None:
+        check_ray()
     found = open_source(source)
     bundles = [Bundle.load(each) for each in ((DEFAULT_BUNDLE, GENERAL_BUNDLE) if model is None else (model,)) if each]
     manifest = bundles[0].manifest
@@ -129,6 +132,16 @@ def slide_plan_many(
         if lerobot is not None:
             say(NAME, f"{lerobot}: {write_dataset(output, lerobot):,} episodes")
     _conclude(output, found, as_json)
+
+
+def check_apart(source: Path, output: Path) -> None:
+    """Check that the plans are not written into the folder of the commands: the next run would take them for some.
+
+    Raises:
+        InputError: they are.
+    """
+    if source.is_dir() and output.resolve().is_relative_to(source.resolve()):
+        raise InputError(f"{output}: is in the folder of the commands, {source}: give another folder for the plans")
 
 
 def _missing(shards: Iterable[Shard], done: set[int], progress: Progress) -> Iterator[Shard]:
@@ -215,10 +228,16 @@ def _conclude(folder: Path, source: Source, as_json: bool) -> None:
         say(NAME, f"error: {line}")
     lines = []
     if failed:
-        lines.append(f"{failed:,} of {source.count:,} are no commands: see {folder / 'failures-*.parquet'}")
+        are = "is no command" if failed == 1 else "are no commands"
+        lines.append(f"{failed:,} of {source.count:,} {are}: see {folder / 'failures-*.parquet'}")
     poor = [each for each in found if each.status.failed]
     if poor:
-        lines.append(", ".join(f"{each.plans:,} plans are {each.status.value}" for each in poor))
+        lines.append(", ".join(_poor(each) for each in poor))
     if lines:
         say(NAME, "; ".join(lines))
         raise typer.Exit(DONE_BUT_MISSED)
+
+
+def _poor(outcome: Outcome) -> str:
+    are = "1 plan is" if outcome.plans == 1 else f"{outcome.plans:,} plans are"
+    return f"{are} {outcome.status.value.replace('_', ' ')}"

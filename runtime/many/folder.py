@@ -34,6 +34,13 @@ SHOWN = 5
 """Failures that are shown; all of them are in the failures' files."""
 
 
+NOTHING = "nothing"
+"""What is said of what is not there."""
+
+HASH_LENGTH, HASH_SHOWN = 64, 12
+"""Letters of a sha256, and those of it that are shown."""
+
+
 class Outcome(NamedTuple):
     """How many plans have a status, and the median of their tracking RMSE (m)."""
 
@@ -73,9 +80,14 @@ def held(folder: Path) -> Iterator[None]:
     """Make a folder and hold it against other runs; what killed processes left half written is removed.
 
     Raises:
+        InputError: it holds other files.
         OutputError: it cannot be made, or another run writes it.
     """
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is no folder, and the plans need one")
     try:
+        if folder.exists() and not (folder / DESCRIPTION).exists() and any(map(_is_other, folder.iterdir())):
+            raise InputError(f"{folder}: there are files in it, and no {DESCRIPTION}: give another folder")
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / LOCK).open("w") as lock:
             try:
@@ -101,7 +113,7 @@ def begin(folder: Path, description: Mapping[str, Any]) -> bool:
         Whether it was begun before.
 
     Raises:
-        InputError: it was begun with something else, which is named, or it holds other files.
+        InputError: it was begun with something else, which is named.
         OutputError: it cannot be written.
     """
     path = folder / DESCRIPTION
@@ -109,18 +121,40 @@ def begin(folder: Path, description: Mapping[str, Any]) -> bool:
     if path.exists():
         with reading(str(path)):
             before = parse_json(read_text(read_bytes(path)))
-        for name in {**before, **description} if isinstance(before, dict) else description:
-            was, now = (each.get(name) if isinstance(each, dict) else None for each in (before, description))
-            if was != now:
-                raise InputError(
-                    f"{folder} was begun with another {name}: {json.dumps(was)}, and not {json.dumps(now)}; give the "
-                    "same again, or another folder"
-                )
+        was, now = _leaves(before), _leaves(description)
+        other = [
+            f"{name} was {was.get(name, NOTHING)} and is {now.get(name, NOTHING)}"
+            for name in {**now, **was}
+            if was.get(name) != now.get(name)
+        ]
+        if other:
+            raise InputError(
+                f"{folder} was begun otherwise: {', '.join(other)}; give the same again, or another folder"
+            )
         return True
-    if any(not file.name.startswith(".") for file in folder.iterdir()):
-        raise InputError(f"{folder}: there are files in it, and no {DESCRIPTION}: give another folder")
     write_whole(path, json.dumps(description, indent=2).encode() + b"\n")
     return False
+
+
+def _leaves(document: Any, place: str = "") -> dict[str, str]:
+    """Return what a document says, by the text of its place, as JSON; of a hash the beginning."""
+    if isinstance(document, dict):
+        found: dict[str, str] = {}
+        for name, value in document.items():
+            found |= _leaves(value, f"{place}.{name}" if place else name)
+        return found
+    if isinstance(document, list):
+        return {place: ", ".join(map(_shown, document))}
+    return {place: _shown(document)}
+
+
+def _shown(value: Any) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return f"{text[:HASH_SHOWN]}..." if len(text) == HASH_LENGTH else text
+
+
+def _is_other(file: Path) -> bool:
+    return not file.name.startswith(".")
 
 
 def plan_files(folder: Path) -> list[Path]:
@@ -129,8 +163,33 @@ def plan_files(folder: Path) -> list[Path]:
 
 
 def done_shards(folder: Path) -> set[int]:
-    """Return the numbers of the shards that are written."""
+    """Return the numbers of the shards that are written.
+
+    Raises:
+        InputError: one of them has been damaged since.
+    """
+    from pyarrow import parquet
+
+    for file in [*plan_files(folder), *_failure_files(folder)]:
+        with _undamaged(file):
+            parquet.read_metadata(file)
     return {_number(file) for file in plan_files(folder)}
+
+
+@contextmanager
+def _undamaged(file: Path) -> Iterator[None]:
+    """Say of a shard that cannot be read how to make it again."""
+    from pyarrow import ArrowException
+
+    try:
+        yield
+    except (ArrowException, OSError) as error:
+        again = f"remove {file.name.replace('failures', 'plans')}, and the same command makes it again"
+        raise InputError(f"{file}: is damaged: {again} ({' '.join(str(error).split())})") from error
+
+
+def _failure_files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("failures-[0-9]*.parquet"), key=_number)
 
 
 def _number(file: Path) -> int:
@@ -143,7 +202,8 @@ def outcomes(folder: Path) -> list[Outcome]:
 
     errors: dict[str, list[Any]] = {}
     for file in plan_files(folder):
-        table = parquet.read_table(file, columns=["status", "tracking_rmse"])
+        with _undamaged(file):
+            table = parquet.read_table(file, columns=["status", "tracking_rmse"])
         statuses, values = np.array(table["status"].to_pylist()), table["tracking_rmse"].to_numpy()
         for status in set(statuses.tolist()):
             errors.setdefault(status, []).append(values[statuses == status])
@@ -158,8 +218,9 @@ def failures(folder: Path) -> tuple[int, list[str]]:
     from pyarrow import parquet
 
     count, first = 0, list[str]()
-    for file in sorted(folder.glob("failures-[0-9]*.parquet"), key=_number):
-        table = parquet.read_table(file)
+    for file in _failure_files(folder):
+        with _undamaged(file):
+            table = parquet.read_table(file)
         count += len(table)
         rows = table.slice(0, max(0, SHOWN - len(first))).to_pylist()
         first += [f"{row['place']}: {row['reason']}" for row in rows]

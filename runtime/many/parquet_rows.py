@@ -57,7 +57,11 @@ def check_schema(file: Path) -> list[str]:
         raise InputError(
             f"{file}: there is no column 'position', a list of pairs [x, y] (m); there are {', '.join(schema.names)}"
         )
-    for name in schema.names:
+    for name in ("position", "t", *PARAMETERS):
+        if name not in schema.names:
+            continue
+        if schema.names.count(name) > 1:
+            raise InputError(f"{file}: there are {schema.names.count(name)} columns '{name}'")
         found = schema.field(name).type
         if name == "position" and not (
             _is_list(found) and _is_list(found.value_type) and _of_numbers(found.value_type)
@@ -67,9 +71,13 @@ def check_schema(file: Path) -> list[str]:
             raise InputError(f"{file}: column 't' must be a list of times (s), it is {found}")
         if name in PARAMETERS:
             names = [each.name for each in fields(PARAMETERS[name])]
-            told = (_is_list(found) and _of_numbers(found)) or (name == "limits" and pyarrow.types.is_string(found))
+            told = (_is_list(found) and _of_numbers(found)) or (name == "limits" and _is_text(found))
             if not told and not (pyarrow.types.is_struct(found) and {each.name for each in found} <= set(names)):
-                raise InputError(f"{file}: column '{name}' must be a struct of {', '.join(names)}, it is {found}")
+                text = ", or the name of some" if name == "limits" else ""
+                raise InputError(
+                    f"{file}: column '{name}' must be a struct of {', '.join(names)}, or a list of these{text}; it is "
+                    f"{found}"
+                )
     return [name for name in schema.names if name not in ("position", "t", *PARAMETERS)]
 
 
@@ -106,7 +114,7 @@ def _opened(file: Path) -> Any:
     from pyarrow import parquet
 
     try:
-        return parquet.ParquetFile(file, buffer_size=BUFFER)
+        return parquet.ParquetFile(file, buffer_size=BUFFER, page_checksum_verification=True)
     except (pyarrow.ArrowException, OSError) as error:
         raise InputError(f"{file}: not a readable Parquet file: {' '.join(str(error).split())}") from error
 
@@ -124,10 +132,23 @@ def _of_numbers(kind: Any) -> bool:
     return bool(types.is_floating(inner) or types.is_integer(inner))
 
 
+def _is_text(kind: Any) -> bool:
+    import pyarrow.types as types
+
+    if types.is_dictionary(kind):
+        kind = kind.value_type
+    return bool(types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind))
+
+
 def _value(name: str, scalar: Any) -> Any:
     """Return a row's value: an array (n, 2) or (n,) where it is one, and a list where numbers or pairs are missing."""
-    if name in PARAMETERS or not scalar.is_valid:
-        return scalar.as_py()
+    if name in PARAMETERS:
+        value = scalar.as_py()
+        if isinstance(value, dict):  # every row of a struct has all of its names: nothing stands there for absent
+            return {key: each for key, each in value.items() if each is not None} or None
+        return value
+    if not scalar.is_valid:
+        return None
     values = scalar.values
     if name == "position":
         pairs, values = values, values.flatten()

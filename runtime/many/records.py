@@ -7,20 +7,21 @@ many processes plan them.
 from __future__ import annotations
 
 import hashlib
-import json
+import os
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 from runtime.command import Command
 from runtime.commands.reading import Reading
 from runtime.documents.files import parse_json
 from runtime.documents.parameters import Parameters
-from runtime.errors import InputError
+from runtime.errors import InputError, plain
 from runtime.friction import Friction
 from runtime.limits import Limits
+from runtime.many.json_lines import check_lines, is_lines, lines
 from runtime.many.parquet_rows import check_schema, count_rows, is_data_set, rows
 from runtime.physics.law import DT
 
@@ -30,7 +31,11 @@ SHARD_COMMANDS = 1000
 SHARD_BYTES = 1 << 26
 """Bytes of a shard's commands, as they are in the input, from which on it takes no further one."""
 
-NDJSON = (".ndjson", ".jsonl")
+HIDDEN = (".", "_")
+"""How the names of files and folders begin that are no input."""
+
+LABELS = ("id", "name")
+"""Keys of a line of JSON that say which command it is; they are passed by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +99,8 @@ class Source:
         """Return a sha256 over the files' names, sizes and times of change: whether it is the same input still."""
         digest = hashlib.sha256()
         for file in self.files:
-            found = file.stat()
-            digest.update(f"{self._name(file)}\t{found.st_size}\t{found.st_mtime_ns}\n".encode())
+            size, changed = _state(file)
+            digest.update(f"{self._name(file)}\t{size}\t{changed}\n".encode())
         return digest.hexdigest()
 
     def records(self) -> Iterator[Record]:
@@ -123,7 +128,7 @@ class Source:
             yield Shard(number, records)
 
     def _name(self, file: Path) -> str:
-        return file.name if file == self.path else file.relative_to(self.path).as_posix()
+        return plain(file.name if file == self.path else file.relative_to(self.path).as_posix())
 
 
 def open_source(path: Path) -> Source:
@@ -138,7 +143,7 @@ def open_source(path: Path) -> Source:
         MissingExtraError: it is Parquet, and pyarrow is not installed.
     """
     if path.is_dir():
-        files = tuple(sorted(file for file in path.rglob("*") if file.is_file() and not _hidden(file, path)))
+        files = tuple(sorted(_files(path)))
         if not files:
             raise InputError(f"{path}: there are no files in this folder")
         tables = [file for file in files if file.suffix.lower() == ".parquet"]
@@ -149,18 +154,39 @@ def open_source(path: Path) -> Source:
         return Source(path, "command files", files, len(files), (), _whole)
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder")
-    if path.suffix.lower() in NDJSON:
-        return Source(path, "lines of JSON", (path,), _check_lines(path), (), _lines)
+    if is_lines(path):
+        return Source(path, "lines of JSON", (path,), check_lines(path), (), lines)
     if path.suffix.lower() == ".parquet":
         return _data_set(path, (path,))
     raise InputError(
-        f"{path}: many commands are a folder, a Parquet file with a row for each, or a file .ndjson with a line for "
-        "each; a single command is planned by slide-plan"
+        f"{path}: many commands are a folder, a Parquet file with a row for each, or a file .ndjson or .ndjson.gz with "
+        "a line for each; a single command is planned by slide-plan"
     )
 
 
-def _hidden(file: Path, folder: Path) -> bool:
-    return any(part.startswith((".", "_")) for part in file.relative_to(folder).parts)
+def _files(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder and of those in it, links to files too; what is hidden is passed by.
+
+    Raises:
+        InputError: a folder cannot be read.
+    """
+
+    def refuse(error: OSError) -> NoReturn:
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
+
+    for root, folders, names in os.walk(folder, onerror=refuse):
+        folders[:] = [name for name in folders if not name.startswith(HIDDEN)]
+        files = [Path(root, name) for name in names if not name.startswith(HIDDEN)]
+        yield from (file for file in files if file.is_file() or not file.exists())  # a broken link is a failure
+
+
+def _state(file: Path) -> tuple[int, int]:
+    """Return a file's size (bytes) and the time of its last change (ns), zeros if it is gone."""
+    try:
+        found = file.stat()
+    except OSError:
+        return 0, 0
+    return found.st_size, found.st_mtime_ns
 
 
 def _data_set(path: Path, files: tuple[Path, ...]) -> Source:
@@ -174,37 +200,7 @@ def _data_set(path: Path, files: tuple[Path, ...]) -> Source:
 
 
 def _whole(file: Path) -> Iterator[tuple[str, Path, int]]:
-    yield "", file, file.stat().st_size
-
-
-def _lines(file: Path) -> Iterator[tuple[str, str, int]]:
-    with file.open("rb") as lines:
-        for number, line in enumerate(lines, 1):
-            if line.strip():
-                yield f", line {number}", line.decode("utf-8", "backslashreplace"), len(line)
-
-
-def _check_lines(file: Path) -> int:
-    """Return how many lines of JSON there are.
-
-    Raises:
-        InputError: there are none, or the first is no object.
-    """
-    first, count = b"", 0
-    with file.open("rb") as lines:
-        for line in lines:
-            if line.strip():
-                first = first or line
-                count += 1
-    if not count:
-        raise InputError(f"{file}: there are no lines")
-    try:
-        document = json.loads(first)
-    except ValueError:
-        document = None
-    if not isinstance(document, Mapping):
-        raise InputError(f'{file}: a line must be a JSON object like {{"t": [...], "position": [[x, y], ...]}}')
-    return count
+    yield "", file, _state(file)[0]
 
 
 def read(record: Record, options: Reading) -> Ask:
@@ -220,7 +216,7 @@ def read(record: Record, options: Reading) -> Ask:
     if isinstance(content, Mapping):
         document = {name: value for name, value in content.items() if value is not None}
     else:
-        document = _document(content)
+        document = {name: value for name, value in _document(content).items() if name not in LABELS}
     friction, limits = document.pop("friction", None), document.pop("limits", None)
     if isinstance(content, Mapping) and options.rate is None and options.speed is None and "t" not in document:
         document["dt"] = DT  # as an array is read: a row has no place for its interval

@@ -157,6 +157,16 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def check_ray() -> None:
+    """Check that Ray is installed.
+
+    Raises:
+        MissingExtraError: it is not.
+    """
+    with extra("ray"):
+        import ray  # noqa: F401
+
+
 class RayTasks:
     """Tasks of a Ray cluster, one for each of its processors."""
 

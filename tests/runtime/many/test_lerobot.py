@@ -89,3 +89,13 @@ def test_what_is_there_is_not_written_over(made: Path, tmp_path: Path) -> None:
         check_new(made / "dataset")
     with pytest.raises(OutputError, match="there is no folder"):
         check_new(tmp_path / "no" / "dataset")
+
+
+def test_lerobots_own_loader_reads_it(made: Path) -> None:
+    loader = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    ahead = {"action": [0.0, 0.001], "observation.state": [-0.001, 0.0]}
+    dataset = loader.LeRobotDataset("local/plans", root=made / "dataset", delta_timestamps=ahead)
+    frames = rows(made / "dataset" / "data")
+    assert (dataset.num_episodes, len(dataset), dataset.fps) == (8, len(frames), 1000)
+    np.testing.assert_array_equal(dataset[300]["action"], [frames[300]["action"], frames[301]["action"]])
+    assert dataset[300]["task"] == "Slide the object along the command."

@@ -116,11 +116,27 @@ def test_finished_run_is_not_run_again_and_another_one_is_refused(
     assert before == (content(folder), (folder / "plans-00000.parquet").stat().st_mtime_ns)
     code, _, err = many(*arguments, "--reach", 0.1)
     assert code == 2
-    assert f"{folder} was begun with another limits" in err
+    assert f"{folder} was begun otherwise: limits.pan_reach was 100.0 and is 0.1; give the same again" in err
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").touch()
     assert many(commands, "-o", tmp_path / "other")[0] == 2
-    assert [file.name for file in (tmp_path / "other").iterdir() if not file.name.startswith(".")] == ["thesis.tex"]
+    assert [file.name for file in (tmp_path / "other").iterdir()] == ["thesis.tex"]
+    shard = folder / "plans-00000.parquet"
+    shard.write_bytes(shard.read_bytes()[:-9])
+    code, _, err = many(*arguments)
+    assert code == 2
+    assert f"{shard}: is damaged: remove plans-00000.parquet, and the same command makes it again" in err
+
+
+def test_plans_are_not_written_among_the_commands(many: Many, commands: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,x,y\n0,0,0\n0.1,0.01,0\n")
+    for folder in (tmp_path, tmp_path / "plans"):
+        code, _, err = many(tmp_path, "-o", folder)
+        assert code == 2
+        assert f"{folder}: is in the folder of the commands" in err
+    (tmp_path / "file").touch()
+    assert "is no folder, and the plans need one" in many(commands, "-o", tmp_path / "file")[2]
+    assert [file.name for file in sorted(tmp_path.iterdir())] == ["a.csv", "file"]
 
 
 def test_limits_of_a_row_hold_for_its_plan(many: Many, bundle_path: Path, tmp_path: Path) -> None:
@@ -198,13 +214,23 @@ def test_processes_end_with_the_run_that_is_killed(commands: Path, bundle_path: 
     wait_for(lambda: not any(child.alive() for child in left))
 
 
-def test_interrupted_run_says_how_to_go_on(commands: Path, bundle_path: Path, tmp_path: Path) -> None:
-    process = start(commands, bundle_path, tmp_path / "plans", stdout=subprocess.DEVNULL)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupted_run_says_how_to_go_on(commands: Path, bundle_path: Path, workers: int, tmp_path: Path) -> None:
+    process = start(
+        commands,
+        bundle_path,
+        tmp_path / "plans",
+        "--workers",
+        workers,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+    )
     wait_for(lambda: any((tmp_path / "plans").glob("plans-*.parquet")))
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     _, err = process.communicate()
     assert process.returncode == 130
     assert "commands are done; the same command goes on from here" in err
+    assert "Traceback" not in err
 
 
 def test_full_disc_leaves_whole_shards_and_says_how_to_go_on(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +89,63 @@ def test_lines_bring_friction_and_options_of_reading(tmp_path: Path) -> None:
     assert second.command.reach == pytest.approx(0.05)
 
 
+def test_lines_may_be_packed_have_a_mark_carriage_returns_and_labels(tmp_path: Path) -> None:
+    line = {"dt": 0.001, "position": LINE}
+    text = "\r\n".join(json.dumps(each) for each in (line, line | {"id": 7, "name": "a"}))
+    data = text.encode("utf-8-sig")
+    for name, content in (("plain.jsonl", data), ("packed.ndjson.gz", gzip.compress(data))):
+        (tmp_path / name).write_bytes(content)
+        source = open_source(tmp_path / name)
+        assert [len(read(record, Reading()).command) for record in source.records()] == [50, 50]
+    (tmp_path / "torn.ndjson.gz").write_bytes(gzip.compress(data)[:-20])
+    with pytest.raises(InputError, match="cannot be read: Compressed file ended"):
+        open_source(tmp_path / "torn.ndjson.gz")
+
+
+def test_columns_as_other_programs_write_them(tmp_path: Path) -> None:
+    large = pyarrow.large_list(pyarrow.large_list(pyarrow.float32()))
+    nothing = {"pan_reach": 0.1, "height": None, "speed": None, "acceleration": 20.0, "jerk": 8000.0}
+    for name, column, limits in (
+        ("categories", pyarrow.array(["panda", None]).dictionary_encode(), [Limits.named("panda"), None]),
+        ("texts", pyarrow.array(["fr3", "fr3"], pyarrow.large_string()), [Limits.named("fr3")] * 2),
+        (
+            "structs",
+            pyarrow.array([nothing, dict.fromkeys(nothing)]),
+            [Limits(0.1, acceleration=20.0, jerk=8000.0), None],
+        ),
+    ):
+        path = tmp_path / f"{name}.parquet"
+        write_rows(path, position=pyarrow.array([LINE, LINE], large), limits=column, id=[1, 1])
+        source = open_source(path)
+        assert source.passed == ("id",)
+        assert [read(record, Reading()).limits for record in source.records()] == limits
+
+
+def test_names_of_files_that_are_no_text_and_broken_links_are_places(tmp_path: Path) -> None:
+    csv = "t,x,y\n0,0,0\n0.1,0.01,0\n"
+    for name in (b"a\xff.csv", b"b\n.csv"):
+        with open(os.fsencode(tmp_path) + b"/" + name, "w") as file:
+            file.write(csv)
+    (tmp_path / "c.csv").symlink_to("gone.csv")
+    os.mkfifo(tmp_path / "d.csv")
+    (tmp_path / "e").symlink_to(tmp_path)
+    source = open_source(tmp_path)
+    assert places(source) == ["a\\udcff.csv", "b\\n.csv", "c.csv"]
+    assert source.fingerprint() == open_source(tmp_path).fingerprint()
+    first, second, broken = source.records()
+    assert len(read(first, Reading()).command) == len(read(second, Reading()).command) == 101
+    with pytest.raises(InputError, match="No such file"):
+        read(broken, Reading())
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads what nobody may read")
+def test_folder_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,x,y\n0,0,0\n0.1,0.01,0\n")
+    (tmp_path / "shut").mkdir(mode=0)
+    with pytest.raises(InputError, match="shut: cannot be read"):
+        open_source(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
@@ -106,6 +165,13 @@ def test_schema_that_does_not_fit_is_refused_with_its_column(tmp_path: Path, col
     assert str(refused.value).startswith(f"{path}: {said}")
 
 
+def test_column_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    line = pyarrow.array([LINE])
+    parquet.write_table(pyarrow.table([line, line], names=["position", "position"]), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="there are 2 columns 'position'"):
+        open_source(tmp_path / "a.parquet")
+
+
 def test_limits_may_be_told_by_their_name(tmp_path: Path) -> None:
     rows = write_rows(tmp_path / "a.parquet", position=[LINE, LINE], limits=["panda", None])
     lines = write_lines(tmp_path / "b.ndjson", {"dt": 0.001, "position": LINE, "limits": "panda"})
@@ -123,6 +189,8 @@ def test_what_is_no_input_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mixed" / "b.csv").write_text("t,x,y\n0,0,0\n")
     (tmp_path / "torn.parquet").write_bytes(b"PAR1")
     write_lines(tmp_path / "list.ndjson", [1, 2])
+    (tmp_path / "wide.ndjson").write_text('{"t": [0, 1]}', encoding="utf-16")
+    (tmp_path / "indented.ndjson").write_text(json.dumps({"t": [0, 1]}, indent=1))
     write_lines(tmp_path / "none.ndjson")
     (tmp_path / "one.csv").write_text("t,x,y\n0,0,0\n")
     write_rows(
@@ -133,6 +201,8 @@ def test_what_is_no_input_is_refused(tmp_path: Path) -> None:
         "mixed": "is no Parquet file",
         "torn.parquet": "not a readable Parquet file",
         "list.ndjson": "a line must be a JSON object",
+        "wide.ndjson": "is not UTF-8 text; a line must be a JSON object",
+        "indented.ndjson": "the first line is truncated or not JSON",
         "none.ndjson": "there are no lines",
         "one.csv": "a single command is planned by slide-plan",
         "rowless.parquet": "there are no rows",
