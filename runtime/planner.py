@@ -218,6 +218,7 @@ class Planner:
         tolerance: float | None = None,
         command_delay: float | None = 0.0,
         noise: float = OBJECT_NOISE,
+        every: int | None = None,
     ) -> Stream:
         """Start to follow a command with a controller that measures; see `Stream`.
 
@@ -227,13 +228,14 @@ class Planner:
                 REST_TOLERANCE of `runtime.stream` if None.
             command_delay: time from a command to its execution (s); None to use what the encoders tell of it.
             noise: standard deviation of the positions that `Stream.see_object` is told (m).
+            every: samples after which `Stream.due` asks for the next chunk; the whole chunk if None.
 
         Raises:
             InputError: as for `plan`.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
         bundle = self.bundle_for(job.limits)
-        return Stream(bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise)
+        return Stream(bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise, every)
 
     def _defaults(
         self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None

@@ -1,9 +1,9 @@
 """The planner inside a controller: the next chunk of accelerations from what is measured, and a stop from any sample.
 
-One policy holds, in `Stream.step`: what is measured is used as far as it can be true; what is missing is replaced by
-the prediction, for one chunk; after that the pan is braked to rest and stays there until `Stream.reset`. Where the
-command ends, the pan comes to rest and stays there as long as the object stays; an object that leaves its mark is
-brought back by a short move.
+One policy holds, in `runtime.following`: what is measured is used as far as it can be true; what is missing is replaced
+by the prediction, for 0.2 s or two chunks; after that the pan is braked to rest and stays there until `Stream.reset`.
+Where the command ends, the pan comes to rest and stays there as long as the object stays; an object that leaves its
+mark is brought back by a short move.
 
 Readings come by `Stream.see_pan` and `Stream.see_object`, at any time and however late, or with `Stream.step`. What is
 believed between them and what they tell of friction and delay is the business of `runtime.observe`.
@@ -21,28 +21,21 @@ from numpy.typing import ArrayLike
 
 from runtime.command import Command
 from runtime.documents.checks import FloatArray, number
-from runtime.errors import BundleError, ConcurrentUseError, InputError
+from runtime.errors import ConcurrentUseError, InputError
+from runtime.following.chunk import next_chunk
 from runtime.following.course import Course
 from runtime.following.end import End
-from runtime.following.state import StreamState, StreamStatus, predict
+from runtime.following.state import StreamState, StreamStatus
 from runtime.measured import check_age, check_pan, check_state, check_states
 from runtime.network.bundle import Bundle
 from runtime.network.general import GeneralReader
 from runtime.network.job import Job
-from runtime.network.reader import Reader
 from runtime.observe.estimates import FrictionEstimate, ObjectEstimate
 from runtime.observe.sight import Sight
 from runtime.physics.law import DT
-from runtime.physics.motion import Motion
-from runtime.safety.governor import govern
-from runtime.safety.outside import Room
-from runtime.safety.pan import Pan
 from runtime.start import Start
 
 __all__ = ["FrictionEstimate", "ObjectEstimate", "Stream", "StreamStatus"]
-
-MAX_MISSING = 1
-"""Chunks in a row that are planned from the prediction alone: an object unseen for longer may be anywhere."""
 
 REST_TOLERANCE = 0.01
 """Distance of the object from its mark (m) up to which the pan rests past the end of the command, if none is given."""
@@ -72,6 +65,8 @@ class Stream:
         command_delay: time from a command to its execution (s): the network is shown where pan and object will be when
             its chunk begins to act. None to use what the encoders tell of it.
         noise: standard deviation of the positions that `see_object` is told (m).
+        every: samples after which the network should be asked again at the latest, if it can be asked before its chunk
+            has ended; None for the whole chunk, which follows best.
 
     Attributes:
         chunk: samples in a chunk, C: of a network for every pan as many as its limits make it.
@@ -88,6 +83,7 @@ class Stream:
         tolerance: float = REST_TOLERANCE,
         command_delay: float | None = 0.0,
         noise: float = OBJECT_NOISE,
+        every: int | None = None,
     ) -> None:
         if not job.limits.finite:
             raise InputError("a stream needs finite limits: without them there is no stop", "limits")
@@ -104,6 +100,7 @@ class Stream:
         self._end = End(tolerance, job.sizes.pan_radius)
         self._course = Course.begin(bundle, job, round((self._command_delay or 0.0) / DT))
         self.chunk = self._course.reader.chunk
+        self._every = None if every is None else self._sample(every, "every", 1)
         self._state = self._begin(job.start, job.command.position[0])
 
     @property
@@ -140,10 +137,13 @@ class Stream:
 
     @property
     def due(self) -> bool:
-        """Whether the network should be asked before its chunk has ended: something was seen since the last step that
-        the law does not explain, a push or a slip, and the network can be asked at any time.
+        """Whether the network should be asked before its chunk has ended, and can be: something was seen since the last
+        step that the law does not explain, a push or a slip, or `every` samples have been executed.
         """
-        return self._state.sight.event and isinstance(self._course.reader, GeneralReader)
+        sight = self._state.sight
+        executed = max(sight.arrived) - (sight.end - self.chunk)
+        late = self._every is not None and executed >= self._every
+        return (sight.event or late) and isinstance(self._course.reader, GeneralReader)
 
     def see_object(self, position: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
         """Take in where the object was seen: at any time, however late, in any order; no velocity is needed.
@@ -240,7 +240,8 @@ class Stream:
                 if asked is not None:
                     self._course = self._course._replace(reader=asked.after(samples))
                 self._state = early
-            self._state = self._next(samples)
+            late = self._late if self._command_delay is None else None
+            self._state, self._course = next_chunk(self._state, self._course, self._end, self._limits, samples, late)
             return self._state.motion.acceleration.copy()
 
     def brake(self, sample: int) -> FloatArray:
@@ -309,14 +310,15 @@ class Stream:
             delay = 0.0 if found is None else found
         return round(delay / DT)
 
-    def _sample(self, sample: Any, name: str = "sample") -> int:
+    def _sample(self, sample: Any, name: str = "sample", least: int = 0) -> int:
         """Return a number of samples of a chunk.
 
         Raises:
             InputError: it is none.
         """
-        if isinstance(sample, bool) or not isinstance(sample, (int, np.integer)) or not 0 <= sample <= self.chunk:
-            raise InputError(f"{name} must be a whole number from 0 to {self.chunk}, got {sample!r}", name)
+        whole = isinstance(sample, (int, np.integer)) and not isinstance(sample, bool)
+        if not whole or not least <= sample <= self.chunk:
+            raise InputError(f"{name} must be a whole number from {least} to {self.chunk}, got {sample!r}", name)
         return int(sample)
 
     def _now(self, executed: int | None) -> int:
@@ -337,16 +339,14 @@ class Stream:
         """
         if executed is None:
             return self.chunk
-        whole = isinstance(executed, (int, np.integer)) and not isinstance(executed, bool)
-        if not whole or not 1 <= executed <= self.chunk:
-            raise InputError(f"executed must be a whole number from 1 to {self.chunk}, got {executed!r}", "executed")
-        if executed < self.chunk and not isinstance(self._course.reader, GeneralReader):
+        samples = self._sample(executed, "executed", 1)
+        if samples < self.chunk and not isinstance(self._course.reader, GeneralReader):
             raise InputError(
-                f"a network for one pan is asked after all {self.chunk} samples of its chunk, not after {executed}: "
+                f"a network for one pan is asked after all {self.chunk} samples of its chunk, not after {samples}: "
                 "use one for every pan",
                 "executed",
             )
-        return int(executed)
+        return samples
 
     def _take(
         self,
@@ -370,42 +370,3 @@ class Stream:
         if sliding is not None and ages[1] is not None and ages[1] <= self.chunk:
             sight = sight.see_object_states(sliding, now - ages[1] - late, now, self._limits.acceleration)
         self._state = self._state._replace(sight=sight)
-
-    def _next(self, samples: int) -> StreamState:
-        """Return what is carried with the next chunk, so many samples after the network was asked before."""
-        last, sight = self._state, self._state.sight
-        if last.status is StreamStatus.BRAKING:
-            return last.stopped(last.after, last.room)
-        missing = (sight.end - min(sight.arrived)) // self.chunk
-        if missing > MAX_MISSING:
-            return last.stopped(last.after, last.room)
-        if self._command_delay is None:
-            self._course = self._course.advanced(self._late)
-        before, room = last.located(self._limits)
-        sliding = sight.sliding[-1]
-        ending = self._end.ending(last, self._course, sliding, samples)
-        if ending is not None and self._end.rests(last, self._course, ending, sliding):
-            return self._end.rest(last, self._course, ending, before, room, sliding)
-        if self._course.over:
-            self._course = self._course.bringing_back(sliding[:2], sight.friction)
-        try:
-            motion, after, question = self._follow(before, room)
-        except BundleError:
-            return last.stopped(before, room)
-        status = last.judged(room, self._limits, missing)
-        return last.followed_by(motion, before, after, room, status, question, ending)
-
-    def _follow(self, before: Pan, room: Room) -> tuple[Motion, Pan, Reader]:
-        """Ask the network and govern: the motion of the next chunk, the pan at its end, and what was asked.
-
-        Raises:
-            BundleError: the network gave no finite number.
-        """
-        sight = self._state.sight
-        pan, sliding = sight.pan[-self.chunk :], sight.sliding[-self.chunk :]
-        asked, reader = self._course.reader.look(pan[None], sliding[None], np.array([before.state[6:]]))
-        acceleration, states, (after,) = govern([room.inside(before)], asked)
-        self._course = self._course._replace(reader=reader.after(self.chunk))
-        states[..., :2] += room.centre
-        motion = predict(before, asked[0], acceleration[0], states[0], sliding[-1], sight.friction)
-        return motion, room.outside(after), reader

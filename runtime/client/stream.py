@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import deque
 from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
 from typing import Any
@@ -11,7 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from runtime.client.messages import AXES, STREAM_FORMAT, Chunk, Step, pack_step, unpack_chunk
+from runtime.client.messages import (
+    AXES,
+    MOST_READINGS,
+    STREAM_FORMAT,
+    Chunk,
+    Reading,
+    Step,
+    pack_step,
+    unpack_chunk,
+)
 from runtime.client.request import command_document, options_document
 from runtime.command import Command
 from runtime.documents.checks import FloatArray, fields, table
@@ -19,6 +29,8 @@ from runtime.documents.files import parse_json
 from runtime.errors import InputError, ServerError, extra
 from runtime.friction import Friction
 from runtime.limits import Limits
+from runtime.measured import check_age, check_state
+from runtime.physics.law import DT
 from runtime.start import Start
 from runtime.stream import StreamStatus
 
@@ -31,6 +43,9 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
 
         with RemoteStream("http://127.0.0.1:8000", position) as stream:
             acceleration = stream.step(pan_state, object_state)  # (C, 3) m/s^2, for the next C samples
+            stream.see_object(position, age=0.050)  # in the place of states: what a camera and encoders saw
+            stream.see_pan(pan_state)
+            acceleration = stream.step()
 
     Args:
         url: of the server, as in http://127.0.0.1:8000.
@@ -65,6 +80,8 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
     ) -> None:
         self._url, self._packed, self._timeout = url, packed, timeout
         self._sequence = 0
+        self._frames: deque[Reading] = deque(maxlen=MOST_READINGS)
+        self._encoders: deque[Reading] = deque(maxlen=MOST_READINGS)
         self.last: Chunk | None = None
         opening: dict[str, Any] = {
             "format": STREAM_FORMAT,
@@ -85,15 +102,36 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         self.chunk: int = opened["chunk"]
         self.model: dict[str, str] = opened["model"]
 
+    def see_object(self, position: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
+        """Tell with the next step where the object was seen; see `Stream.see_object`.
+
+        Of more than MOST_READINGS between two steps the last ones are told.
+
+        Raises:
+            InputError: another shape or type, or there is no such sample.
+        """
+        seen = check_state(position, "position", (2,))
+        self._tell(self._frames, seen, age, executed)
+
+    def see_pan(self, state: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
+        """Tell with the next step where the encoders say that the pan was; see `Stream.see_pan` and `see_object`."""
+        self._tell(self._encoders, check_state(state, "state", (4, 6)), age, executed)
+
     def step(
-        self, pan_state: FloatArray | None = None, object_state: FloatArray | None = None, age: float = 0.0
+        self,
+        pan_state: FloatArray | None = None,
+        object_state: FloatArray | None = None,
+        age: float = 0.0,
+        executed: int | None = None,
     ) -> FloatArray:
         """Give the pan accelerations (C, 3) (m/s^2) for the next C samples; see `Stream.step`.
 
         Raises:
+            InputError: there is no such sample.
             ServerError: the server refuses, is gone, or answers something else.
         """
-        step = Step(self._sequence, pan_state, object_state, age)
+        done = self._sample(executed)
+        step = Step(self._sequence, pan_state, object_state, age, tuple(self._frames), tuple(self._encoders), done)
         try:
             answer = self._ask(pack_step(step) if self._packed else _step_json(step))
             chunk = answer if isinstance(answer, Chunk) else _chunk(answer)
@@ -102,6 +140,8 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         if chunk.sequence != step.sequence or len(chunk.acceleration) != self.chunk:
             raise ServerError(f"{self._url}: the answer is not to step {step.sequence}")
         self._sequence += 1
+        self._frames.clear()
+        self._encoders.clear()
         self.last = chunk
         return chunk.acceleration
 
@@ -111,6 +151,23 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
+
+    def _tell(self, readings: deque[Reading], seen: FloatArray | None, age: float, executed: int | None) -> None:
+        """Keep a reading for the next step, if it is one."""
+        late, done = check_age(age), self._sample(executed)
+        if seen is not None and late is not None:
+            readings.append(Reading(seen, late * DT, done))
+
+    def _sample(self, executed: int | None) -> int | None:
+        """Return a number of samples of a chunk.
+
+        Raises:
+            InputError: it is none.
+        """
+        whole = isinstance(executed, (int, np.integer)) and not isinstance(executed, bool)
+        if executed is None or (whole and 0 <= executed <= self.chunk):
+            return executed
+        raise InputError(f"executed must be a whole number from 0 to {self.chunk}, got {executed!r}", "executed")
 
     def _ask(self, message: str | bytes) -> Any:
         """Send a message and return what comes back: a Chunk, or a JSON document.
@@ -147,6 +204,13 @@ def _step_json(step: Step) -> str:
     for name, state in (("pan", step.pan), ("object", step.object)):
         if state is not None:
             message[name] = [[_told(value) for value in row] for row in np.atleast_2d(state).tolist()]
+    for name, value, readings in (("frames", "position", step.frames), ("encoders", "state", step.encoders)):
+        if readings:
+            message[name] = [
+                {value: each.value.tolist(), "age": each.age, "executed": each.executed} for each in readings
+            ]
+    if step.executed is not None:
+        message["executed"] = int(step.executed)
     return json.dumps(message, allow_nan=False)
 
 

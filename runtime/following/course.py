@@ -10,11 +10,17 @@ from runtime.commands.come_back import come_back
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.network.bundle import Bundle
+from runtime.network.general import GeneralReader
 from runtime.network.job import Job
 from runtime.network.reader import Reader, read
+from runtime.observe.estimates import FrictionEstimate
 
 NOTICED_DELAY = 2
 """Samples by which an arm must be later than was thought for the command to be read anew."""
+
+
+NOTICED_FRICTION = 0.05
+"""Share by which the friction found must differ from what the network was told, for it to be told anew."""
 
 
 class Course(NamedTuple):
@@ -22,7 +28,7 @@ class Course(NamedTuple):
 
     Attributes:
         bundle: the network.
-        job: what was asked for; its command is the one that is given.
+        job: what was asked for; its command is the one that is given, its friction what the network is told.
         advance: samples by which the command is told in advance, to an arm that executes late.
         ahead: the command as it is told.
         followed: the same, or the move that brings the object back.
@@ -70,6 +76,18 @@ class Course(NamedTuple):
         course = self._replace(advance=late, ahead=ahead)
         return course._reading(ahead, self.reader.now) if self.followed is self.ahead else course
 
+    def told(self, found: FrictionEstimate) -> Self:
+        """Tell a network that can be told the friction what the frames say, once they rule out what it was told."""
+        if not isinstance(self.reader, GeneralReader) or self.over:
+            return self
+        told = self.job.friction
+        static = _believed(told.static, found.friction.static, found.static)
+        kinetic = _believed(told.kinetic, found.friction.kinetic, found.kinetic)
+        if (static, kinetic) == (told.static, told.kinetic):
+            return self
+        job = self.job._replace(friction=Friction(max(static, kinetic), kinetic))
+        return self._replace(job=job, reader=self.reader.told([job._replace(command=self.followed)]))
+
     def bringing_back(self, place: FloatArray, friction: Friction) -> Self:
         """Bring an object at a place (2,) to the end of the command (m)."""
         return self._reading(Command(come_back(place, self.mark, friction)))
@@ -87,3 +105,9 @@ class Course(NamedTuple):
 def _in_advance(command: Command, late: int) -> Command:
     """Return a command as it must be told to an arm that executes late, by so many samples."""
     return replace(command, position=command.position[late:]) if 0 < late < len(command) - 1 else command
+
+
+def _believed(told: float, found: float, interval: tuple[float, float]) -> float:
+    """Return a coefficient as it was told, or as it was found if what was told is ruled out."""
+    ruled_out = not interval[0] <= told <= interval[1]
+    return found if ruled_out and abs(found - told) > NOTICED_FRICTION * told else told

@@ -206,8 +206,8 @@ class StreamState(NamedTuple):
         room = Room.of(state, limits)
         return room.outside(Pan.at(room.seen_inside(state), room.limits)), room
 
-    def judged(self, room: Room, limits: Limits, missing: int) -> StreamStatus:
-        """Return what the next chunk comes from; so many chunks were planned without a reading."""
+    def judged(self, room: Room, limits: Limits, missing: bool) -> StreamStatus:
+        """Return what the next chunk comes from, and whether a reading is missing."""
         verdict = self.sight.verdict
         if room.off_limits(limits):
             return StreamStatus.OUTSIDE
@@ -215,7 +215,7 @@ class StreamState(NamedTuple):
             return StreamStatus.DOUBTING
         if verdict is Verdict.BELIEVED:
             return StreamStatus.CONVINCED
-        return StreamStatus.PREDICTED if missing > 0 else StreamStatus.FOLLOWING
+        return StreamStatus.PREDICTED if missing else StreamStatus.FOLLOWING
 
     def stop_from(self, sample: int) -> FloatArray:
         """Return the stop from a sample of the chunk, (n, 3) pan accelerations (m/s^2); see `Stream.brake`."""

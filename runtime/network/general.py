@@ -192,6 +192,10 @@ class GeneralReader(NamedTuple):
             raise BundleError(f"the network of bundle {name!r} gave no finite number at sample {self.now}")
         return u, reader._replace(memory=memory, elapsed=0.0)
 
+    def told(self, jobs: Sequence[Job]) -> Self:
+        """Go on with the same commands and another friction; what was read and is remembered stays."""
+        return self._replace(frame=Frame.of(jobs))
+
     def after(self, samples: int) -> Self:
         """Go on after so many samples of the answer have been executed."""
         return self._replace(now=self.now + samples, elapsed=self.elapsed + samples / self.frame.step / CHUNK)

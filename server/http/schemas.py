@@ -13,6 +13,7 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError, model_validator
 
 from runtime import Command, Friction, InputError, Limits, Reading, Sizes, Start
+from runtime.client.messages import MOST_READINGS
 from runtime.commands.bounds import MAX_SAMPLES
 from runtime.errors import place_text, within
 from runtime.physics.law import DT
@@ -167,10 +168,6 @@ class StreamRequest(Options):
     packed: bool = False
 
 
-MOST_READINGS = 256
-"""Most frames, and most encoder readings, that one step tells of."""
-
-
 class FrameRequest(Strict):
     """Where a camera saw the object; see `Stream.see_object`."""
 
@@ -191,7 +188,8 @@ class StepRequest(Strict):
     """A step as JSON: states (m, m/s), the last C of them or the last one; none where one is missing.
 
     The object's are [x, y, vx, vy], the pan's [x, y, z, vx, vy, vz], those of a level pan also [x, y, vx, vy]. In their
-    place frames of a camera and readings of encoders may be told, with the time they were taken.
+    place frames of a camera and readings of encoders may be told, with the time they were taken. `executed` samples of
+    the last chunk have been executed, all of them if it is left out.
     """
 
     sequence: int = Field(ge=0)
@@ -200,6 +198,7 @@ class StepRequest(Strict):
     object: SeenRows = Field([])
     frames: Annotated[list[FrameRequest], FailFast()] = Field([], max_length=MOST_READINGS)
     encoders: Annotated[list[EncoderRequest], FailFast()] = Field([], max_length=MOST_READINGS)
+    executed: int | None = None
     command: CommandRequest | None = None
     start: StartRequest | None = None
 

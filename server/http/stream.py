@@ -16,6 +16,7 @@ import asyncio
 import logging
 import math
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any, NamedTuple
 
@@ -25,7 +26,17 @@ from fastapi import APIRouter, WebSocket
 from starlette.websockets import WebSocketDisconnect
 
 from runtime import Command, InputError, Planner, Start, Stream
-from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT, Chunk, Step, pack_chunk, unpack_step
+from runtime.client.messages import (
+    AXES,
+    LEVEL_STREAM_FORMAT,
+    MOST_READINGS,
+    STREAM_FORMAT,
+    Chunk,
+    Reading,
+    Step,
+    pack_chunk,
+    unpack_step,
+)
 from runtime.documents.checks import FloatArray
 from server.http.doors import check_host, check_origin, client_of
 from server.http.guard import REQUEST_HEADER, name_request
@@ -58,18 +69,14 @@ class StreamInput(NamedTuple):
     """What a client sends for one step: the states, and maybe another start and another command.
 
     Attributes:
-        step: the number of the step, and the states.
+        step: the number of the step, and what was measured.
         start: where to begin again from.
         command: what to follow from now on, or what is wrong with it: then the old one is kept.
-        frames: positions of the object, their ages (s), and how many samples of the chunk were executed by then.
-        encoders: the same of states of the pan.
     """
 
     step: Step
     start: Start | None = None
     command: Command | Problem | None = None
-    frames: tuple[tuple[FloatArray, float, int | None], ...] = ()
-    encoders: tuple[tuple[FloatArray, float, int | None], ...] = ()
 
     def advance(self, stream: Stream) -> Chunk:
         """Advance a stream by a chunk.
@@ -81,13 +88,13 @@ class StreamInput(NamedTuple):
             stream.reset(self.start)
         if isinstance(self.command, Command):
             stream.retarget(self.command)
-        for frame in self.frames:
+        step = self.step
+        for frame in step.frames:
             stream.see_object(*frame)
-        for encoder in self.encoders:
+        for encoder in step.encoders:
             stream.see_pan(*encoder)
-        sequence, pan, sliding, age = self.step
-        acceleration = stream.step(_last(pan), _last(sliding), age)
-        return Chunk(sequence, acceleration, stream.brake(len(acceleration)), stream.status)
+        acceleration = stream.step(_last(step.pan), _last(step.object), step.age, step.executed)
+        return Chunk(step.sequence, acceleration, stream.brake(len(acceleration)), stream.status)
 
 
 def _last(states: FloatArray | None) -> FloatArray | None:
@@ -253,7 +260,10 @@ class Follower:
                 raise Problem("malformed", str(error)) from None
             limit.check()
             _check_rows(self._chunk, pan=step.pan, object=step.object)
-            return StreamInput(step)
+            for name, count in (("frames", len(step.frames)), ("encoders", len(step.encoders))):
+                if count > MOST_READINGS:
+                    raise Problem("invalid", f"at most {MOST_READINGS} are told with one step, got {count}", name)
+            return StreamInput(step._replace(encoders=self._believable(step.encoders)))
         data = _data(message)
         limit.check()
         command: Command | Problem | None = None
@@ -269,15 +279,14 @@ class Follower:
             raise Problem("invalid", "the rows must have 6 numbers each, of a level pan also 4 each", "pan")
         pan, sliding = (_readings(rows) if rows else None for rows in (request.pan, request.object))
         _check_rows(self._chunk, pan=pan, object=sliding)
-        frames = tuple((_readings(each.position), _reading(each.age), each.executed) for each in request.frames)
-        encoders = tuple(
-            (state, _reading(each.age), each.executed)
-            for each in request.encoders
-            if _speed(state := _readings(each.state)) <= self._most
-        )
-        return StreamInput(
-            Step(request.sequence, pan, sliding, _reading(request.age)), start, command, frames, encoders
-        )
+        frames = tuple(Reading(_readings(each.position), _reading(each.age), each.executed) for each in request.frames)
+        encoders = [Reading(_readings(each.state), _reading(each.age), each.executed) for each in request.encoders]
+        told = frames, self._believable(encoders), request.executed
+        return StreamInput(Step(request.sequence, pan, sliding, _reading(request.age), *told), start, command)
+
+    def _believable(self, encoders: Sequence[Reading]) -> tuple[Reading, ...]:
+        """Return encoder readings without those that no stop is looked for from: faster than any pan, or no number."""
+        return tuple(each for each in encoders if _speed(each.value) <= self._most)
 
 
 def _readings(rows: object) -> FloatArray:

@@ -390,3 +390,30 @@ def test_push_makes_a_step_due_where_the_network_can_be_asked_early(shipped: Pla
         if early:
             assert stream.step(executed=40).shape == (stream.chunk, 3)
             assert not stream.due
+
+
+def test_lost_frames_are_bridged_for_a_fifth_of_a_second_however_short_the_chunks_are(general_planner: Planner) -> None:
+    stream = general_planner.stream(loop(), limits=Limits(0.05))
+    world, statuses = World(stream, Friction()), []
+    assert stream.chunk < 100
+    world.follow(Eyes(1000.0), 2)
+    begin = world.now
+    while stream.status is not StreamStatus.BRAKING:
+        statuses.append(world.step())
+        for _ in range(stream.chunk):
+            world.tick()
+    chunks = -(-200 // stream.chunk)
+    assert statuses == [StreamStatus.FOLLOWING, *[StreamStatus.PREDICTED] * (chunks - 1), StreamStatus.BRAKING]
+    assert world.now - begin == (chunks + 1) * stream.chunk
+
+
+def test_step_is_due_after_so_many_samples_if_that_is_asked_for(general_planner: Planner) -> None:
+    stream = general_planner.stream(loop(), every=20)
+    stream.step()
+    for executed, due in ((10, False), (19, False), (20, True), (25, True)):
+        stream.see_pan(stream.pan(executed), executed=executed)
+        assert stream.due is due
+    stream.step(executed=25)
+    assert not stream.due
+    with pytest.raises(InputError, match="every must be a whole number from 1 to"):
+        general_planner.stream(loop(), every=0)

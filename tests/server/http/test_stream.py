@@ -20,7 +20,7 @@ from websockets.sync.client import ClientConnection, connect
 from runtime import Friction, InputError, Limits, Planner, ServerError, Start, StreamStatus
 from runtime.cli.run import run_main
 from runtime.client import Client, RemoteStream
-from runtime.client.messages import Chunk, Step, pack_chunk, pack_step, unpack_chunk, unpack_step
+from runtime.client.messages import Chunk, Reading, Step, pack_chunk, pack_step, unpack_chunk, unpack_step
 from runtime.limits import NO_LIMITS
 from runtime.physics.law import slide_one
 from runtime.physics.pan import integrate_pan
@@ -107,6 +107,15 @@ def test_packed_messages_come_back_the_same() -> None:
     assert step.pan is not None
     assert (step.sequence, step.object) == (7, None)
     assert np.allclose(step.pan, pan, atol=1e-6)
+    frames = (Reading(pan[0, :2], 0.05, 40), Reading(pan[1, :2], math.nan))
+    encoders = (Reading(pan[2], 0.0, 0), Reading(pan[3, :4]))
+    told = unpack_step(pack_step(Step(8, None, None, 0.0, frames, encoders, 57)))
+    assert (told.pan, told.object, told.executed) == (None, None, 57)
+    assert [each.executed for each in (*told.frames, *told.encoders)] == [40, None, 0, None]
+    assert np.allclose([each.age for each in told.frames], [0.05, math.nan], equal_nan=True)
+    assert np.allclose(told.frames[1].value, pan[1, :2], atol=1e-6)
+    assert np.allclose(told.encoders[0].value, pan[2], atol=1e-6)
+    assert np.allclose(told.encoders[1].value, [*pan[3, :2], 0.0, *pan[3, 2:4], 0.0], atol=1e-6)
     level = unpack_step(pack_step(Step(7, pan[:, [0, 1, 3, 4]], pan[:1, :4], 0.003)))
     assert level.pan is not None
     assert level.object is not None
@@ -136,6 +145,10 @@ def test_packed_messages_come_back_the_same() -> None:
         (b"\0" * 11, "malformed"),
         (pack_step(Step(0, np.zeros(6), None)) + b"\0", "malformed"),
         (pack_step(Step(3, np.zeros(6), None)), "invalid"),
+        (pack_step(Step(0, None, None, frames=(Reading(np.zeros(2)),) * 257)), "invalid"),
+        (pack_step(Step(0, None, None, encoders=(Reading(np.zeros(6), 0.0, 400),))), "invalid"),
+        (pack_step(Step(0, None, None, frames=(Reading(np.zeros(2)),)))[:-4] + struct.pack("<f", 0.5), "malformed"),
+        ('{"sequence": 0, "executed": 1000}', "invalid"),
     ],
 )
 def test_bad_step_ends_the_stream_with_a_problem(server: Any, message: str | bytes, name: str) -> None:
@@ -300,6 +313,34 @@ def test_frames_and_encoders_are_taken_with_their_ages(server: Any) -> None:
         answer = json.loads(socket.recv())
         np.testing.assert_array_equal(answer["acceleration"], stream.step())
         assert answer["status"] == stream.status
+
+
+@pytest.mark.parametrize(("packed", "tolerance"), [(False, 0.0), (True, 1e-4)])
+def test_remote_stream_sees_what_a_stream_in_the_process_sees(
+    server: Any, make_curve: Callable[..., Any], packed: bool, tolerance: float
+) -> None:
+    """Frames late and early, readings that are none, and a question before the chunk has ended."""
+    limits = Limits(acceleration=25.0)  # of a network that may be asked at any time
+    position = make_curve(450)
+    own = server.service.planner.stream(position, limits=limits)
+    with RemoteStream(server.url, position, limits=limits, packed=packed) as remote:
+        for done in (None, own.chunk, 30, own.chunk, 40):
+            executed = own.chunk if done is None else done
+            expected, got = own.step(executed=done), remote.step(executed=done)
+            assert np.abs(got - expected).max() <= tolerance * 30.0
+            assert remote.last is not None
+            assert remote.last.status is own.status
+            pan, (x, y), later = own.pan(10), own.object(15).position, own.object(25).position
+            for stream in (own, remote):
+                stream.see_pan(pan, executed=10)
+                stream.see_pan(None)
+                stream.see_object([x + 2.0**-12, y], 0.005, 20)
+                stream.see_object([math.nan, 0.0], math.nan)
+                stream.see_object(later, 0.0, min(executed, 28))
+        with pytest.raises(InputError, match="executed must be a whole number from 0 to"):
+            remote.see_pan(np.zeros(6), executed=remote.chunk + 1)
+        with pytest.raises(InputError, match=r"position must be \(2,\) numbers"):
+            remote.see_object(np.zeros(3))
 
 
 def test_command_that_cannot_be_followed_leaves_the_old_one_in_place(server: Any) -> None:
