@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 
 from torch import Tensor
 
@@ -105,106 +107,45 @@ def config(manifest: Manifest, sha256: str) -> str:
 def card(manifest: Manifest, with_weights: bool) -> str:
     """Return the model card: what the model is for, what it knows, how good it is, and where it fails."""
     errors = {
-        name.removesuffix("_tracking").replace("_", " "): value
+        name.removesuffix("_tracking").replace("_", " "): MM * value
         for name, value in manifest.evaluation.items()
         if name.endswith("_tracking") and isinstance(value, float)
     }
-    metrics = "".join(
-        f"""
+    units = TRAINED_ON[manifest.kind]
+    ranges = {name: f"{low:g} to {high:g} {units[name]}" for name, (low, high) in manifest.trained_on.items()}
+    limits = {
+        name: "none" if value is None else f"{value:g} {UNITS[name]}"
+        for name, value in manifest.limits.to_dict().items()
+    }
+    template = (files("export") / "card.md").read_text(encoding="utf-8")
+    return Template(template).substitute(
+        name=manifest.name,
+        quoted_name=json.dumps(manifest.name),
+        layers=manifest.layers,
+        units=manifest.units,
+        precision=manifest.precision,
+        metrics="".join(map(_metric, errors, errors.values())) or " []",
+        train_on=train_on(with_weights),
+        limits=_rows(limits),
+        ranges=_rows(ranges),
+        static=f"{manifest.friction.static:g}",
+        kinetic=f"{manifest.friction.kinetic:g}",
+        figures=_rows({name: f"{value:.2f}" for name, value in errors.items()} or {"not measured": ""}),
+        citation=CITATION,
+    )
+
+
+def _rows(values: Mapping[str, str]) -> str:
+    """Return the rows of a table of names and values."""
+    return "\n".join(f"| {name.replace('_', ' ')} | {value.strip()} |" for name, value in values.items())
+
+
+def _metric(name: str, value: float) -> str:
+    """Return an error (mm) in the form in which the hub reads it from a card's head."""
+    return f"""
       - task: {{type: robotics, name: Sliding along a path}}
         dataset: {{type: slide-planner-{name.replace(" ", "-")}, name: {name}}}
-        metrics: [{{type: rmse, name: Tracking RMSE (mm), value: {value * MM:.2f}}}]"""
-        for name, value in errors.items()
-    )
-    figures = "\n".join(f"| {name} | {value * MM:.2f} |" for name, value in errors.items())
-    units = TRAINED_ON[manifest.kind]
-    ranges = "\n".join(
-        f"| {name.replace('_', ' ')} | {low:g} to {high:g} {units[name]} |".replace("  |", " |")
-        for name, (low, high) in manifest.trained_on.items()
-    )
-    limits = "\n".join(
-        f"| {name.replace('_', ' ')} | {'none' if value is None else f'{value:g} {UNITS[name]}'} |"
-        for name, value in manifest.limits.to_dict().items()
-    )
-    return f"""---
-license: mit
-library_name: slide-planner
-pipeline_tag: robotics
-tags: [robotics, motion-planning, nonprehensile-manipulation, friction, onnx]
-model-index:
-  - name: {json.dumps(manifest.name)}
-    results:{metrics or " []"}
----
-
-# {manifest.name}
-
-Plans the motion of a frying pan that makes the object on it slide along a given path, by stick and slip. The network is
-an encoder and a decoder of {manifest.layers} x {manifest.units} LSTM units, {manifest.precision}, in two ONNX graphs.
-
-## Use
-
-Install slide-planner with its extra `hub`. Then:
-
-```python
-import numpy as np
-from runtime import Planner
-
-planner = Planner("hf://USER/NAME")
-t = np.linspace(0.0, 2.0 * np.pi, 1200)
-plan = planner.plan(0.03 * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1))  # metres on the pan, at 1 kHz
-plan.pan_acceleration  # m/s^2
-```
-
-{train_on(with_weights)}
-
-## What it is for
-
-Planning how a robot moves a pan that an object slides on, in milliseconds. Friction and the robot's limits must be
-known about as well as a measurement gives them. A governor holds every limit at every sample, whatever the network
-says. The plan's own prediction tells how well the object follows.
-
-It is not a safety device: the limits hold for the plan, and who executes it must see that the robot follows the plan.
-
-## Limits of its plans, unless others are given
-
-| limit | value |
-|---|---|
-{limits}
-
-## What it was trained on
-
-| what | range |
-|---|---|
-{ranges}
-
-Friction {manifest.friction.static:g} static and {manifest.friction.kinetic:g} kinetic count where nothing else is said.
-
-## How good it is
-
-Tracking RMSE is the root of the mean squared distance between object and path over time. The commands were not trained
-on, and the friction is the one that is planned for.
-
-| commands | tracking RMSE (mm) |
-|---|---|
-{figures or "| not measured | |"}
-
-## Where it fails
-
-- Outside the ranges above the error grows, and the plan says `beyond_training_range`.
-- If the pan may not accelerate by more than static friction times 9.8 m/s^2, the object never slides: `cannot_slide`.
-- Under another friction than planned for, the object drifts: `quality.friction_off_rmse` is the error if the friction
-  is 10 % off. A closed loop that sees the object corrects it.
-- The object must slide by Coulomb's law on a flat pan. It must not roll or tip, and how it turns is not planned.
-- A path that asks for more than the limits allow is followed as far as they let the pan.
-
-## Licence and citation
-
-MIT. The method is that of
-
-```bibtex
-{CITATION}
-```
-"""
+        metrics: [{{type: rmse, name: Tracking RMSE (mm), value: {value:.2f}}}]"""
 
 
 def train_on(with_weights: bool) -> str:
