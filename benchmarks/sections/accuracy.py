@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.table import Table
@@ -22,10 +25,11 @@ from benchmarks.harness.targets import (
 )
 from benchmarks.suite.families import FRICTION_GRID
 from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, network, plan_family
-from benchmarks.suite.pans import TASKS, Disturbed, Followed, disturb, follow, tasks
+from benchmarks.suite.pans import TASKS, Disturbed, Followed, Task, disturb, follow, tasks
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM
 from runtime.documents.options import option
+from runtime.many.workers import work_through
 from runtime.planner import Planner
 
 WAYS = ("level", "lifting")
@@ -43,11 +47,13 @@ class AccuracySettings:
         family: names of the families.
         commands: the first ones of each family; all if None.
         limits: names of pans, whose tasks (`benchmarks.suite.pans`) are measured in the place of the suite.
+        ray: address of the cluster that measures; None for none.
     """
 
     family: tuple[str, ...] = option("Family of the suite, or letters; may be repeated.", tuple(FAMILIES), "NAME")
     commands: int | None = option("Only the first commands of each family.", metavar="N")
     limits: tuple[str, ...] = option("Only within the limits of this pan; may be repeated.", (), "NAME|all")
+    ray: str | None = option("Measure on a Ray cluster: its address, or local.", metavar="ADDRESS")
 
     def __post_init__(self) -> None:
         at_least(1, commands=self.commands)
@@ -169,32 +175,71 @@ TARGETS = (
 )
 
 
+class Part(NamedTuple):
+    """What is measured by itself.
+
+    Attributes:
+        measure: measures it: a planner, `what`, and the number of commands.
+        what: the name of a family, or a task.
+        commands: the first ones of it; all if None.
+    """
+
+    measure: Callable[[Planner, Any, int | None], Any]
+    what: str | Task
+    commands: int | None
+
+
 def measure_accuracy(subject: Subject, settings: AccuracySettings) -> Measured:
     """Plan the suite with the network, or the tasks of pans.
 
     Raises:
         InputError: there is no family, or no pan, of that name.
+        MissingExtraError: Ray is asked for, and not installed.
     """
-    if not settings.limits:
-        return Measured(accuracy_of(network(subject.planner), settings))
-    return Measured(Accuracy({}, None, (), None, None, on_pans(subject.planner, settings)))
+    if settings.limits:
+        return Measured(Accuracy({}, None, (), None, None, on_pans(subject, settings)))
+    names = list(suite(settings.family, settings.commands))
+    outcomes = measure_parts(subject, [Part(plan_one, name, settings.commands) for name in names], settings.ray)
+    return Measured(summed_up(dict(zip(names, outcomes, strict=True))))
 
 
-def on_pans(planner: Planner, settings: AccuracySettings) -> OnPans:
+def measure_parts(subject: Subject, parts: Sequence[Part], ray: str | None) -> list[Any]:
+    """Return what is measured of each part, in their order; on a Ray cluster if there is an address of one."""
+    if ray is None:
+        return [part.measure(subject.planner, part.what, part.commands) for part in parts]
+    measured = dict(work_through(enumerate(parts), partial(_measured, subject.folder), ray=ray))
+    return [measured[number] for number in range(len(parts))]
+
+
+def _measured(folder: Path, numbered: tuple[int, Part]) -> tuple[int, Any]:
+    number, part = numbered
+    return number, part.measure(_planner_at(folder), part.what, part.commands)
+
+
+@lru_cache(maxsize=1)
+def _planner_at(folder: Path) -> Planner:
+    return Planner(folder)
+
+
+def plan_one(planner: Planner, name: str, commands: int | None) -> Outcome:
+    """Plan a family."""
+    return plan_family(network(planner), suite([name], commands)[name])
+
+
+def on_pans(subject: Subject, settings: AccuracySettings) -> OnPans:
     """Plan the tasks of pans, told the friction.
 
     Raises:
         InputError: there is no pan of that name.
+        MissingExtraError: Ray is asked for, and not installed.
     """
     chosen = tasks(settings.limits, settings.family)
-    rows = {}
-    for task in chosen:
-        level, lifting = (follow(planner, each, settings.commands) for each in (task, task.lifting()))
-        rows[task.name] = OnPan(level, lifting)
-    if DISTURBED not in chosen:
-        return OnPans(rows, None, None)
-    pans = (DISTURBED, DISTURBED.lifting())
-    return OnPans(rows, *(disturb(planner, pan, settings.commands) for pan in pans))
+    parts = [Part(follow, each, settings.commands) for task in chosen for each in (task, task.lifting())]
+    if DISTURBED in chosen:
+        parts += [Part(disturb, each, settings.commands) for each in (DISTURBED, DISTURBED.lifting())]
+    found = measure_parts(subject, parts, settings.ray)
+    rows = {task.name: OnPan(*found[2 * row : 2 * row + 2]) for row, task in enumerate(chosen)}
+    return OnPans(rows, *(found[2 * len(chosen) :] or (None, None)))
 
 
 def accuracy_of(plan: PlanFunction, settings: AccuracySettings) -> Accuracy:
@@ -204,7 +249,11 @@ def accuracy_of(plan: PlanFunction, settings: AccuracySettings) -> Accuracy:
         InputError: there is no family of that name, or a plan is no plan.
     """
     chosen = suite(settings.family, settings.commands)
-    outcomes = {name: plan_family(plan, family) for name, family in chosen.items()}
+    return summed_up({name: plan_family(plan, family) for name, family in chosen.items()})
+
+
+def summed_up(outcomes: Mapping[str, Outcome]) -> Accuracy:
+    """Sum up families, by their names."""
     nominal = [outcome for name, outcome in outcomes.items() if name != "friction"]
     families = {name: figures([outcome]) for name, outcome in outcomes.items()}
     friction = friction_cells(outcomes["friction"]) if "friction" in outcomes else ()

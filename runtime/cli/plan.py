@@ -17,8 +17,10 @@ from typing import Annotated, Any
 import typer
 
 from runtime.arms.fit import CANDIDATES, Fitted, fit, pan_limits
+from runtime.arms.model import ArmModel
 from runtime.arms.motion import passed
 from runtime.arms.options import ArmChoice, choose
+from runtime.arms.place import Place
 from runtime.assess.assess import cannot_slide, left_behind
 from runtime.cli.console import BAD_INPUT, DONE_BUT_MISSED, MM, AsJson, print_json, print_table, run, say
 from runtime.cli.options import (
@@ -141,39 +143,76 @@ def slide_plan(
         asked["candidates"] = CANDIDATES
     if search.refine_ms:
         kernels()  # compiles, which is not planning
-    limits_there = asked["limits"] if held_by is None else pan_limits(*held_by, asked["limits"])
-    warned = cannot_slide(asked["friction"], limits_there)
+    maker = Maker(planner, asked, held_by, stretch)
+    warned = cannot_slide(asked["friction"], maker.limits)
     for line in warned:
         say("slide-plan", f"warning: {line}")
+    if first is not None:
+        _plan_one(maker, commands[0], output, first, warned, as_json)
+    else:
+        _plan_each(maker, list(zip(commands, targets, strict=True)), reading, output, as_json)
 
-    def make(source: Path, target: Path, command: Command) -> Made:
-        begin = time.perf_counter()
-        fitted = None
-        if held_by is None:
-            plan = planner.plan(command, **asked)
+
+@dataclass(frozen=True)
+class Maker:
+    """Makes plans, and writes them.
+
+    Attributes:
+        planner: plans.
+        asked: what it is asked, besides the command.
+        held_by: the arm that holds the pan, and where; None for none.
+        stretch: whether a command is slowed down until the arm's joints hold.
+    """
+
+    planner: Planner
+    asked: dict[str, Any]
+    held_by: tuple[ArmModel, Place] | None
+    stretch: bool
+
+    @property
+    def limits(self) -> Limits:
+        """What the pan is kept to, the arm's limits included."""
+        limits: Limits = self.asked["limits"]
+        return limits if self.held_by is None else pan_limits(*self.held_by, limits)
+
+    def make(self, source: Path, target: Path, command: Command) -> Made:
+        """Plan a command, and write the plan.
+
+        Raises:
+            SlideError: it cannot be planned, or not be written.
+        """
+        begin, fitted = time.perf_counter(), None
+        if self.held_by is None:
+            plan = self.planner.plan(command, **self.asked)
         else:
-
-            def within(slow: Command, limits: Limits) -> Plan:
-                return planner.plan(slow, **{**asked, "limits": limits})
-
-            fitted = fit(within, command, *held_by, asked["limits"], stretch, tolerance)
+            fitted = fit(
+                self._within, command, *self.held_by, self.asked["limits"], self.stretch, self.asked["tolerance"]
+            )
             command, plan = fitted.command, fitted.plan
         duration = time.perf_counter() - begin
         plan.save(target)
         return Made(source, target, command, plan, duration, fitted)
 
-    if first is not None:
-        _show(made := make(commands[0], output, first), as_json)
-        if not made.plan.quality.status.failed:
-            for line in left_behind(made.plan.quality.rest_error):
-                say("slide-plan", f"note: {line}")
-        conclude("slide-plan", made.plan, made.passed, said=warned)
-        return
+    def _within(self, command: Command, limits: Limits) -> Plan:
+        return self.planner.plan(command, **{**self.asked, "limits": limits})
+
+
+def _plan_one(maker: Maker, source: Path, target: Path, command: Command, warned: Sequence[str], as_json: bool) -> None:
+    """Plan one command; exit with 1 if something must be looked at that was not said in a warning."""
+    _show(made := maker.make(source, target, command), as_json)
+    if not made.plan.quality.status.failed:
+        for line in left_behind(made.plan.quality.rest_error):
+            say("slide-plan", f"note: {line}")
+    conclude("slide-plan", made.plan, made.passed, said=warned)
+
+
+def _plan_each(maker: Maker, jobs: Sequence[tuple[Path, Path]], reading: Reading, folder: Path, as_json: bool) -> None:
+    """Plan commands, each to its target; exit with 2 if some cannot be planned, with 1 if some must be looked at."""
     documents: list[dict[str, Any]] = []
     missed, failed = [], {}
-    for source, target in _with_progress(list(zip(commands, targets, strict=True))):
+    for source, target in _with_progress(jobs):
         try:
-            one = make(source, target, Command.load(source, reading))
+            one = maker.make(source, target, Command.load(source, reading))
         except SlideError as error:
             failed[str(source)] = str(error)
         else:
@@ -181,7 +220,7 @@ def slide_plan(
             if one.plan.quality.status.failed:
                 missed.append(f"{source}: {one.plan.quality.status.replace('_', ' ')}: {one.plan.quality.notes[0]}")
             missed += [f"{source}: {line}" for line in one.passed]
-    _show_many(output, documents, failed, as_json)
+    _show_many(folder, documents, failed, as_json)
     for line in missed:
         say("slide-plan", line)
     if missed or failed:

@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -19,8 +20,8 @@ from runtime.errors import InputError, OutputError, SlideError
 from runtime.many.folder import Outcome, begin, describe, done_shards, failures, held, outcomes
 from runtime.many.lerobot import check_new, write_dataset
 from runtime.many.records import SHARD_COMMANDS, Shard, Source, open_source
-from runtime.many.shard import Done, Task
-from runtime.many.workers import check_ray, plan_shards
+from runtime.many.shard import Done, Task, plan_shard
+from runtime.many.workers import check_ray, work_through
 from runtime.network.bundle import Bundle
 from runtime.outputs.parquet_file import check_parquet
 from runtime.physics.compiled import compiler
@@ -117,10 +118,9 @@ def slide_plan_many(
             done = done_shards(output)
             if going_on and done:
                 say(NAME, f"going on: {len(done)} shards are written")
-            with_progress(
-                plan_shards(_missing(found.shards(shard), done, progress), task, workers or os.cpu_count() or 1, ray),
-                progress,
-            )
+            missing = _missing(found.shards(shard), done, progress)
+            planned = work_through(missing, partial(plan_shard, task), workers or os.cpu_count() or 1, ray)
+            with_progress(planned, progress)
         except KeyboardInterrupt:
             say(NAME, f"interrupted: {progress.so_far()}; the same command goes on from here")
             raise

@@ -74,6 +74,9 @@ class Shard(NamedTuple):
     number: int
     records: list[Record]
 
+    def __str__(self) -> str:
+        return f"shard {self.number}"
+
 
 @dataclass(frozen=True)
 class Source:

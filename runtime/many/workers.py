@@ -1,4 +1,4 @@
-"""Who plans the shards: this process, several processes, or Ray. The shards and what is made of them stay the same."""
+"""Who does a work item by item: this process, several processes, or Ray. What is made of each stays the same."""
 
 from __future__ import annotations
 
@@ -6,32 +6,36 @@ import multiprocessing
 import os
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 from runtime.errors import SlideError, extra
-from runtime.many.records import Shard
-from runtime.many.shard import Done, Task, plan_shard
 
 ENDED = 1
 """Exit code of a worker whose parent has ended."""
 
 DEATHS = 3
-"""Times that processes may end without a shard being done in between: then it is not by chance."""
+"""Times that processes may end without an item being done in between: then it is not by chance."""
 
-Result = Done | SlideError
-"""What came of a shard; an error is handed over as a value, as Ray would wrap one that is raised."""
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+Work = Callable[[Any], Any]
+"""What is done with each item; it is sent to other processes, and so are the items and what is made of them."""
 
 
 class Workers(Protocol):
-    """Processes that plan, as many shards at once as `count` says."""
+    """Processes that are at as many items at once as `count` says."""
 
     count: int
 
-    def submit(self, shard: Shard) -> Future[Result]:
-        """Begin to plan a shard; its future raises ProcessEnded if its process ends."""
+    def submit(self, item: Any) -> Future[Any]:
+        """Begin with an item; its future raises ProcessEnded if its process ends.
+
+        An error of ours is its value: Ray would wrap one that is raised.
+        """
 
     def renew(self) -> None:
         """Start again after a process has ended."""
@@ -41,55 +45,56 @@ class Workers(Protocol):
 
 
 class ProcessEnded(Exception):
-    """A process ended while it planned, killed or for want of memory."""
+    """A process ended while it worked, killed or for want of memory."""
 
 
-def plan_shards(shards: Iterable[Shard], task: Task, count: int, ray: str | None) -> Iterator[Done]:
-    """Plan shards, and yield each as it is written, in the order in which they are done.
+def work_through(
+    items: Iterable[Item], work: Callable[[Item], Made], count: int = 1, ray: str | None = None
+) -> Iterator[Made]:
+    """Do a work with each item, and yield what is made of it, in the order in which they are done.
 
     Args:
-        shards: to plan; no more of them are held than are planned, and one that waits.
-        task: what is the same for all.
+        items: no more of them are held than are worked at, and one that waits; `str` of one names it in an error.
+        work: what is done with each.
         count: of processes.
-        ray: the address of a Ray cluster that plans, "local" for one on this machine; None for none.
+        ray: the address of a Ray cluster that works, "local" for one on this machine; None for none.
 
     Raises:
-        OutputError: a shard cannot be written; those that are, are whole.
-        SlideError: the processes end again and again.
+        SlideError: the work raised it, or the processes end again and again.
         MissingExtraError: Ray is not installed.
     """
     if count == 1 and ray is None:
-        for shard in shards:
-            yield plan_shard(task, shard)
+        for item in items:
+            yield work(item)
         return
-    workers: Workers = Processes(task, count) if ray is None else RayTasks(task, ray)
+    workers: Workers = Processes(work, count) if ray is None else RayTasks(work, ray)
     try:
-        yield from _spread(iter(shards), workers)
+        yield from _spread(iter(items), workers)
     finally:
         workers.close()
 
 
-def _spread(shards: Iterator[Shard], workers: Workers) -> Iterator[Done]:
-    """Keep every process at a shard; what one was at when it ended is planned again."""
-    again: deque[Shard] = deque()
-    planned: dict[Future[Result], Shard] = {}
+def _spread(items: Iterator[Any], workers: Workers) -> Iterator[Any]:
+    """Keep every process at an item; what one was at when it ended is done again."""
+    again: deque[Any] = deque()
+    begun: dict[Future[Any], Any] = {}
     deaths = 0
     while True:
-        while len(planned) <= workers.count:
-            shard = again.popleft() if again else next(shards, None)
-            if shard is None:
+        while len(begun) <= workers.count:
+            item = again.popleft() if again else next(items, None)
+            if item is None:
                 break
-            planned[workers.submit(shard)] = shard
-        if not planned:
+            begun[workers.submit(item)] = item
+        if not begun:
             return
-        done, _ = wait(planned, return_when=FIRST_COMPLETED)
+        done, _ = wait(begun, return_when=FIRST_COMPLETED)
         ended = False
         for future in done:
-            shard = planned.pop(future)
+            item = begun.pop(future)
             try:
                 result = future.result()
             except (BrokenProcessPool, ProcessEnded):
-                again.append(shard)
+                again.append(item)
                 ended = True
                 continue
             if isinstance(result, SlideError):
@@ -97,22 +102,21 @@ def _spread(shards: Iterator[Shard], workers: Workers) -> Iterator[Done]:
             deaths = 0
             yield result
         if ended:
-            again.extend(planned.values())
-            planned.clear()
+            again.extend(begun.values())
+            begun.clear()
             deaths += 1
             if deaths == DEATHS:
-                numbers = ", ".join(str(number) for number in sorted(shard.number for shard in again))
                 raise SlideError(
-                    f"processes ended {deaths} times before any shard was done, of shards {numbers}: is there enough "
-                    "memory?"
+                    f"processes ended {deaths} times before any of {', '.join(sorted(map(str, again)))} was done: is "
+                    "there enough memory?"
                 )
             workers.renew()
 
 
-def result_of(task: Task, shard: Shard) -> Result:
-    """Plan a shard; see `plan_shard`."""
+def attempt(work: Callable[[Item], Made], item: Item) -> Made | SlideError:
+    """Do the work with an item; an error of ours is returned."""
     try:
-        return plan_shard(task, shard)
+        return work(item)
     except SlideError as error:
         return error
 
@@ -120,20 +124,20 @@ def result_of(task: Task, shard: Shard) -> Result:
 class Processes:
     """Processes of this machine; they end when their parent does, however that ends."""
 
-    def __init__(self, task: Task, count: int) -> None:
+    def __init__(self, work: Work, count: int) -> None:
         self.count = count
-        self._task = task
+        self._work = work
         self._pool = self._started()
 
     def _started(self) -> ProcessPoolExecutor:
         spawn = multiprocessing.get_context("spawn")  # onnxruntime has threads: a fork would copy their locks
         return ProcessPoolExecutor(self.count, mp_context=spawn, initializer=end_with_parent)
 
-    def submit(self, shard: Shard) -> Future[Result]:
+    def submit(self, item: Any) -> Future[Any]:
         try:
-            return self._pool.submit(result_of, self._task, shard)
+            return self._pool.submit(attempt, self._work, item)
         except BrokenProcessPool as error:  # of a process that ended since
-            future: Future[Result] = Future()
+            future: Future[Any] = Future()
             future.set_exception(error)
             return future
 
@@ -170,17 +174,17 @@ def check_ray() -> None:
 class RayTasks:
     """Tasks of a Ray cluster, one for each of its processors."""
 
-    def __init__(self, task: Task, address: str) -> None:
+    def __init__(self, work: Work, address: str) -> None:
         with extra("ray"):
             import ray
         ray.init(address=address, log_to_driver=False, include_dashboard=False)
         self.count = max(1, int(ray.cluster_resources().get("CPU", 1)))
-        self._task = ray.put(task)
-        self._plan = ray.remote(num_cpus=1, max_retries=DEATHS)(result_of)  # Ray begins a task again itself
+        self._work = ray.put(work)
+        self._attempt = ray.remote(num_cpus=1, max_retries=DEATHS)(attempt)  # Ray begins a task again itself
         self._close = ray.shutdown
 
-    def submit(self, shard: Shard) -> Future[Result]:
-        future: Future[Result] = self._plan.remote(self._task, shard).future()
+    def submit(self, item: Any) -> Future[Any]:
+        future: Future[Any] = self._attempt.remote(self._work, item).future()
         return future
 
     def renew(self) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.sections.accuracy import AccuracySettings, accuracy_of, figures, friction_cells
+from benchmarks.harness.section import Subject
+from benchmarks.sections.accuracy import AccuracySettings, accuracy_of, figures, friction_cells, measure_accuracy
 from benchmarks.suite.families import FRICTION_GRID, NOMINAL, Family, spline
 from benchmarks.suite.outcome import network, one_by_one, plan_family
 from runtime.documents.checks import FloatArray
@@ -165,3 +167,14 @@ def test_only_the_first_commands_are_planned() -> None:
     assert measured.total.commands == 4
     with pytest.raises(InputError, match="--commands must be at least 1, got 0"):
         AccuracySettings(commands=0)
+
+
+def test_ray_measures_the_same(tiny_bundle: Path) -> None:
+    pytest.importorskip("ray")
+    subject = Subject.load(tiny_bundle)
+    here, there = (
+        measure_accuracy(subject, AccuracySettings(("short", "odd"), 2, ray=address)).figures
+        for address in (None, "local")
+    )
+    for name, row in here.families.items():
+        assert there.families[name] == replace(row, samples_per_second=there.families[name].samples_per_second)
