@@ -6,16 +6,24 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
-from torch import nn
-
-from train.network.model import SQUARE_FLOOR
-from train.network.onnx_weights import onnx_gates
+from torch import Tensor, nn
 
 OPSET = 18
 """Operator set of the graphs: the first whose Split takes `num_outputs`."""
 
 IR_VERSION = 9
 """File format version: old enough for every onnxruntime that the runtime supports."""
+
+
+def float32_array(tensor: Tensor) -> NDArray[np.float32]:
+    """Return a tensor as an array."""
+    return tensor.detach().cpu().numpy().astype(np.float32)
+
+
+def onnx_gates(weight: Tensor) -> NDArray[np.float32]:
+    """Reorder a weight's gates along its first axis: i, f, g, o in torch; i, o, f, g, which it calls c, in ONNX."""
+    i, f, g, o = weight.chunk(4)
+    return np.concatenate([float32_array(gate) for gate in (i, o, f, g)])
 
 
 class GraphBuilder:
@@ -82,14 +90,3 @@ class GraphBuilder:
         model.ir_version = IR_VERSION
         onnx.checker.check_model(model, full_check=True)
         return bytes(model.SerializeToString(deterministic=True))
-
-
-def add_bound(graph: GraphBuilder, u: str, limit: float) -> None:
-    """Add `train.network.model.bound_acceleration`: limit tanh(|u|/limit) u/|u|."""
-    squared = graph.node("Mul", [u, u], "squared")
-    total = graph.node("ReduceSum", [squared, graph.axes("coordinate_axis", -1)], "size_squared", keepdims=1)
-    floored = graph.node("Add", [total, graph.scalar("square_floor", SQUARE_FLOOR)], "size_floored")
-    size = graph.node("Sqrt", [floored], "size")
-    relative = graph.node("Div", [size, graph.scalar("limit", limit)], "relative")
-    factor = graph.node("Div", [graph.node("Tanh", [relative], "saturated"), relative], "factor")
-    graph.node("Mul", [u, factor], "pan_acceleration")

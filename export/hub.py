@@ -14,12 +14,11 @@ from torch import Tensor
 from export.write_bundle import bundle_folder
 from runtime.limits import UNITS
 from runtime.network.bundle import Bundle
-from runtime.network.manifest import MANIFEST_FILE, ONE_PAN, TRAINED_ON, Manifest
+from runtime.network.manifest import MANIFEST_FILE, TRAINED_ON, Manifest
 from runtime.version import __version__
 from train.config import read_config
-from train.network.checkpoint import load_checkpoint, weights_to_use
-from train.network.onnx_weights import weights_of_graphs
-from train.network.weights_file import WEIGHTS_FILE, write_weights
+from train.learn.checkpoint import load_checkpoint, weights_to_use
+from train.learn.weights_file import WEIGHTS_FILE, write_weights
 
 CARD = "README.md"
 CONFIG = "config.json"
@@ -42,18 +41,15 @@ READABLE = 0o644
 
 
 def float_weights(source: Path) -> dict[str, Tensor] | None:
-    """Return the weights of a run, a checkpoint or an fp32 bundle by torch's names; None if there are none in floats.
+    """Return the weights of a run or a checkpoint by torch's names; None if it is a bundle, whose graphs have others.
 
     Raises:
         FormatError: it is a checkpoint that cannot be read.
     """
-    if not (source / MANIFEST_FILE).exists():
-        saved = load_checkpoint(source)
-        return weights_to_use(saved, read_config(saved["config"]))
-    manifest = Bundle.load(source).manifest
-    if manifest.precision != "fp32" or manifest.kind != ONE_PAN:
+    if (source / MANIFEST_FILE).exists():
         return None
-    return weights_of_graphs(source, manifest.graphs)
+    saved = load_checkpoint(source)
+    return weights_to_use(saved, read_config(saved["config"]))
 
 
 def publish(bundle: Path, folder: Path, weights: Mapping[str, Tensor] | None) -> list[str]:
@@ -111,8 +107,7 @@ def card(manifest: Manifest, with_weights: bool) -> str:
         for name, value in manifest.evaluation.items()
         if name.endswith("_tracking") and isinstance(value, float)
     }
-    units = TRAINED_ON[manifest.kind]
-    ranges = {name: f"{low:g} to {high:g} {units[name]}" for name, (low, high) in manifest.trained_on.items()}
+    ranges = {name: f"{low:g} to {high:g} {TRAINED_ON[name]}" for name, (low, high) in manifest.trained_on.items()}
     limits = {
         name: "none" if value is None else f"{value:g} {UNITS[name]}"
         for name, value in manifest.limits.to_dict().items()

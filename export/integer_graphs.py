@@ -23,15 +23,14 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from export.float_graphs import add_answer
-from export.general_graphs import add_answer_in_space
 from export.graph_builder import GraphBuilder
 from runtime.documents.checks import FloatArray
-from runtime.network.bundle import widths_of
-from runtime.network.manifest import Manifest, OnePan
+from runtime.network.manifest import Manifest
 from runtime.network.units import (
     ACCELERATION,
     AHEAD,
     AHEAD_ROWS,
+    CHUNK,
     ENCODER_ROWS,
     LARGEST_HEIGHT,
     LARGEST_SPEED,
@@ -81,30 +80,15 @@ class Layout(NamedTuple):
     digits: int = 1
 
 
-def layouts(manifest: Manifest) -> tuple[Layout, Layout]:
-    """Return the layouts of a command's chunk and of an observation.
-
-    Commands may go half as far again, and half as fast, as those trained on. Under these an object came to 0.9 of the
-    reach, 1.6 of the speed, and a pan to 0.95 of its limit and twice the speed.
-    """
-    if not isinstance(manifest.network, OnePan):
-        return _general_layouts()
-    chunk, ahead = manifest.network.chunk, manifest.network.command_ahead
-    reach, speed = (manifest.trained_on[name][1] for name in ("reach", "speed"))
-    pan = [1.25 * manifest.network.pan_limit] * 2 + [3.0 * speed] * 2
-    sliding = [1.5 * reach] * 2 + [2.0 * speed] * 2
-    command = np.tile([1.5 * reach] * 2 + [1.5 * speed] * 2, chunk)
-    states = np.tile(pan + sliding, chunk)
-    observation = np.concatenate([states, np.tile(command, ahead)])
-    return Layout(command, [(4, chunk)]), Layout(observation, [(8, chunk), (4, ahead * chunk)])
-
-
 FASTEST = 1.1
-"""Largest speed of a command that networks for every pan are trained on, in their units."""
+"""Largest speed of a command that networks are trained on, in their units."""
 
 
-def _general_layouts() -> tuple[Layout, Layout]:
-    """Return those of a network for every pan, in its units: positions are relative to where the command is now."""
+def layouts() -> tuple[Layout, Layout]:
+    """Return the layouts of a command's chunk and of an observation, positions relative to where the command is now.
+
+    Commands may go half as far again, and half as fast, as those trained on.
+    """
     velocity = 1.5 * FASTEST
     told = [2.2, 1.0, 2.0, 1.4, 1.0, 1.0, 2.1, 1.8, 3.0, 3.0]
     pan = [1.25 * REACH] * 2 + [1.1 * LARGEST_HEIGHT] + [1.1 * LARGEST_SPEED] * 3
@@ -126,7 +110,7 @@ def integer_encoder(weights: Weights, manifest: Manifest) -> bytes:
     """
     graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
     scale = weights["scale"].astype(np.float64)
-    size, series, _ = layouts(manifest)[0]
+    size, series, _ = layouts()[0]
     low, zero, high = (graph.scalar(name, value) for name, value in (("low", -1.0), ("zero", 0.0), ("high", 1.0)))
     x = graph.node("Mul", ["command", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
     x = graph.node("Transpose", [graph.node("Clip", [x, low, high], "held")], "time_major", perm=[1, 0, 2])
@@ -181,7 +165,7 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     graph, units, layers = GraphBuilder(), manifest.units, range(manifest.layers)
     graph.scalar("step", 1.0 / STEPS)
     graph.constant("middle", np.array(128, dtype=np.uint8))
-    size, series, digits = layouts(manifest)[1]
+    size, series, digits = layouts()[1]
     width = len(size)
     graph.scalar("fine_step", 1.0 / FINE_STEPS)
     scaled = graph.node("Mul", ["observation", graph.constant("per_range", (1.0 / size).astype(np.float32))], "scaled")
@@ -225,16 +209,12 @@ def integer_decoder_step(weights: Weights, manifest: Manifest) -> bytes:
     w, b = (unit * weights[f"output.{name}"].astype(np.float64) for name in ("weight", "bias"))
     x = _precise_linear(graph, "output", x, w, digits=2)
     x = graph.node("Add", [x, graph.constant("output.bias", b.astype(np.float32))], "output")
-    answer = widths_of(manifest).answer
-    if isinstance(manifest.network, OnePan):
-        add_answer(graph, x, manifest.network.chunk, manifest.network.acceleration_bound)
-    else:
-        add_answer_in_space(graph, x)
+    add_answer(graph, x)
     state: list[str | int] = [manifest.layers, "batch", units]
     return graph.model(
         "decoder_step",
         {"observation": ["batch", width], "hidden": state, "cell": state},
-        {"pan_acceleration": ["batch", *answer], "hidden_out": state, "cell_out": state},
+        {"pan_acceleration": ["batch", CHUNK, 3], "hidden_out": state, "cell_out": state},
     )
 
 

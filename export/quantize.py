@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from runtime import Planner
 from runtime.documents.checks import FloatArray
 from runtime.errors import SlideError
 from runtime.limits import Limits
-from runtime.network.manifest import DECODER_STEP, ENCODER, GENERAL, Manifest
+from runtime.network.manifest import DECODER_STEP, ENCODER, Manifest
 from train.commands.families import FAMILIES
 from train.evaluation.evaluate import commands_of
 
@@ -23,7 +23,7 @@ COMMANDS = 16
 """Commands of each family that both bundles plan."""
 
 PANS = (Limits(), Limits(height=0.1), Limits.named("panda"))
-"""Pans that networks for every pan are compared on: a level one, one that lifts, and a weaker one that does."""
+"""Pans that both are compared on: a level one, one that lifts, and a weaker one that does."""
 
 MAX_GROWTH = 0.05
 """Share by which the mean tracking RMSE over all of these commands may grow, unless something else is said."""
@@ -92,14 +92,12 @@ def integer_graphs(fp32: Mapping[str, bytes], manifest: Manifest) -> dict[str, b
 
 
 def compare(fp32: Planner, int8: Planner) -> Comparison:
-    """Plan the evaluation's commands of every family with both: for every pan, under all of PANS."""
-    manifest = fp32.bundle.manifest
-    pans = PANS if manifest.kind == GENERAL else (manifest.limits,)
+    """Plan the evaluation's commands of every family with both, for all of PANS."""
     positions = [position for family in FAMILIES for position in commands_of(family, COMMANDS)]
-    first, second = (_mean_rmse(planner, positions, pans) for planner in (fp32, int8))
-    return Comparison(len(pans) * len(positions), first, second, second / first - 1.0)
+    first, second = (_mean_rmse(planner, positions) for planner in (fp32, int8))
+    return Comparison(len(PANS) * len(positions), first, second, second / first - 1.0)
 
 
-def _mean_rmse(planner: Planner, positions: list[FloatArray], pans: Sequence[Limits]) -> float:
-    plans = [plan for limits in pans for plan in planner.plan_batch(positions, limits=limits)]
+def _mean_rmse(planner: Planner, positions: list[FloatArray]) -> float:
+    plans = [plan for limits in PANS for plan in planner.plan_batch(positions, limits=limits)]
     return float(np.mean([plan.quality.tracking_rmse for plan in plans]))

@@ -11,14 +11,13 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 
 from export.float_graphs import decoder_step_graph, encoder_graph
-from export.general_graphs import general_decoder_step_graph, general_encoder_graph
 from export.graph_builder import OPSET
-from export.verify import Agreement, AnswersAgreement, verify, verify_answers
+from export.verify import Agreement, verify
 from runtime.errors import OutputError
 from runtime.friction import Friction
 from runtime.network.manifest import (
@@ -26,29 +25,25 @@ from runtime.network.manifest import (
     DEFAULT_LIMITS,
     ENCODER,
     MANIFEST_FILE,
-    USUAL_RANGES,
     GraphFile,
     Manifest,
-    OnePan,
-    default_limits,
 )
 from runtime.network.units import REACH, Constants
 from runtime.physics.law import DT
-from train.config import AnyConfig, TrainConfig, read_config, trains_from_scratch
-from train.curriculum import CURRICULA
-from train.general.config import GeneralConfig
-from train.general.network import GeneralNetwork
-from train.general.recipe import GeneralRecipe, load_network
-from train.learn.validation import validate
-from train.network.checkpoint import load_checkpoint, load_model
-from train.network.model import Seq2Seq
+from train.learn.checkpoint import load_checkpoint
+from train.network.config import TrainConfig
+from train.network.network import Network
+from train.network.recipe import NetworkRecipe, load_network
+
+BEGUN_WITH = {"start_speed": (0.0, 1.0), "corner": (0.0, 1.2)}
+"""Speed of the pan at the start and sharpest corner that networks are taken through in mid-course, in their units."""
 
 
 class Exported(NamedTuple):
     """What an export gives back: the manifest written and how well the bundle agrees with the network."""
 
     manifest: Manifest
-    agreement: Agreement | AnswersAgreement
+    agreement: Agreement
 
 
 def export_bundle(checkpoint: Path, folder: Path) -> Exported:
@@ -56,28 +51,17 @@ def export_bundle(checkpoint: Path, folder: Path) -> Exported:
 
     Raises:
         FormatError: the checkpoint cannot be read.
+        InputError: it is of the paper's own network.
         VerificationError: the bundle does not do what the network does; nothing is written.
         OutputError: `folder` holds something that is no bundle, or cannot be written.
     """
     saved = load_checkpoint(checkpoint)
-    if isinstance(read_config(saved["config"]), GeneralConfig):
-        return _export_general(saved, folder)
-    config, model = load_model(saved)
-    with bundle_folder(folder) as temporary:
-        graphs = write_graphs(temporary, {ENCODER: encoder_graph(model), DECODER_STEP: decoder_step_graph(model)})
-        manifest = describe(model, config, saved["epoch"], saved.get("began_with"), graphs)
-        write_manifest(temporary, manifest)
-        agreement = verify(model, config, temporary)
-    return Exported(manifest, agreement)
-
-
-def _export_general(saved: dict[str, Any], folder: Path) -> Exported:
     config, network = load_network(saved)
-    both = {ENCODER: general_encoder_graph(network), DECODER_STEP: general_decoder_step_graph(network)}
     with bundle_folder(folder) as temporary:
-        manifest = describe_general(network, config, saved["epoch"], write_graphs(temporary, both))
+        graphs = write_graphs(temporary, {ENCODER: encoder_graph(network), DECODER_STEP: decoder_step_graph(network)})
+        manifest = describe(network, config, saved["epoch"], saved["began_with"], graphs)
         write_manifest(temporary, manifest)
-        agreement = verify_answers(network, temporary)
+        agreement = verify(network, temporary)
     return Exported(manifest, agreement)
 
 
@@ -119,7 +103,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def describe(
-    model: Seq2Seq,
+    network: Network,
     config: TrainConfig,
     epochs: int,
     began_with: Mapping[str, str] | None,
@@ -128,44 +112,14 @@ def describe(
     """Return the manifest of a network.
 
     Args:
-        model: the network.
+        network: the network.
         config: what it was trained by.
         epochs: for how many epochs.
         began_with: `name` and `sha256` of the run's checkpoint or the bundle whose weights it began with (`--init`);
-            None if it began with drawn ones, or if the checkpoint does not say.
+            None if it began with drawn ones.
         graphs: as written.
     """
-    varied = any(stage.varied_friction for stage in CURRICULA[config.curriculum])
-    figures = validate(model, config, torch.device("cpu"))
-    network = OnePan(config.chunk, config.command_ahead, config.acceleration_bound, config.pan_limit)
-    return Manifest(
-        name=config.name,
-        precision="fp32",
-        opset=OPSET,
-        graphs=graphs,
-        network=network,
-        dt=DT,
-        layers=config.layers,
-        units=config.units,
-        friction=Friction(config.static, config.kinetic),
-        trained_on={
-            "static": config.static_range if varied else (config.static, config.static),
-            "kinetic": config.kinetic_range if varied else (config.kinetic, config.kinetic),
-            "reach": (0.0, config.reach[1]),
-            "speed": (0.0, config.speed),
-            "samples": config.samples,
-        },
-        training=_training(config, training_command(config, began_with), began_with, epochs),
-        evaluation={name: round(value, 5) for name, value in figures.items()},
-        limits=default_limits(network),
-    )
-
-
-def describe_general(
-    network: GeneralNetwork, config: GeneralConfig, epochs: int, graphs: dict[str, GraphFile]
-) -> Manifest:
-    """Return the manifest of a network for every pan, trained by `config` for so many epochs."""
-    figures = GeneralRecipe(config).validate(network, torch.device("cpu"))
+    figures = NetworkRecipe(config).validate(network, torch.device("cpu"))
     (least, static), (share, kinetic) = config.static, config.kinetic
     return Manifest(
         name=config.name,
@@ -189,30 +143,18 @@ def describe_general(
             "reach": (0.0, round(config.far[1] / REACH, 6)),
             "speed": (0.0, config.speed[1]),
             "samples": config.samples,
-            **USUAL_RANGES,
+            **BEGUN_WITH,
         },
-        training=_training(config, f"slide-train {config.name}", None, epochs),
+        training={
+            "command": f"slide-train {config.name}" + (f" --init {began_with['name']}" if began_with else ""),
+            "began_with": None if began_with is None else dict(began_with),
+            "epochs": epochs,
+            "configuration": config.model_dump(mode="json"),
+            "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
+        },
         evaluation={name: round(value, 5) for name, value in figures.items()},
         limits=DEFAULT_LIMITS,
     )
-
-
-def _training(config: AnyConfig, command: str, began_with: Mapping[str, str] | None, epochs: int) -> dict[str, Any]:
-    return {
-        "command": command,
-        "began_with": None if began_with is None else dict(began_with),
-        "epochs": epochs,
-        "configuration": config.model_dump(mode="json"),
-        "versions": {"python": platform.python_version(), "torch": str(torch.__version__)},
-    }
-
-
-def training_command(config: TrainConfig, began_with: Mapping[str, str] | None) -> str:
-    """Return the command that trains such a network; what stands in capitals is not known."""
-    model = "" if config.model == "A" else f" --model {config.model}"
-    if began_with is not None:
-        return f"slide-train {config.name}{model} --init {began_with['name']}"
-    return f"slide-train {config.name}{model}{'' if trains_from_scratch(config) else ' --init RUN_OR_BUNDLE'}"
 
 
 def _check_replaceable(folder: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -22,7 +21,6 @@ from runtime.limits import Limits
 from runtime.network.bundle import SHIPPED, Bundle
 from runtime.network.decode import decode
 from runtime.network.job import Job
-from runtime.network.manifest import GENERAL
 from runtime.network.reach import with_reach
 from runtime.network.reader import chunk_samples, group_of
 from runtime.physics.compiled import check_compiler
@@ -38,9 +36,6 @@ from runtime.stream import OBJECT_NOISE, REST_TOLERANCE, Stream
 
 DEFAULT_BUNDLE = SHIPPED / "default"
 """The bundle that plans where none is named."""
-
-GENERAL_BUNDLE: Path | None = SHIPPED / "general"
-"""The bundle that plans under limits that DEFAULT_BUNDLE was not made for, where none is named; None: that one does."""
 
 REFINED_FROM = 8
 """Candidates that a refined plan is begun from: twice as many gain a tenth more, and take as long again."""
@@ -62,13 +57,12 @@ class Planner:
     """Plans with one bundle; may be used from several threads, and handed to other processes: see `Bundle`.
 
     Args:
-        path: the bundle's folder, the name of a shipped one, or hf://user/name for one on the Hugging Face hub. If
-            None, `default` plans under the limits that it was made for, and `general` under all others.
+        path: the bundle's folder, the name of a shipped one, or hf://user/name for one on the Hugging Face hub;
+            `default` if None.
         sha256: what the sha256 of its manifest must be; any if None.
 
     Attributes:
         bundle: the loaded bundle.
-        general: the one that plans under other limits than its manifest's; None if it plans under all.
 
     Raises:
         BundleError: the bundle cannot be trusted or understood.
@@ -76,22 +70,7 @@ class Planner:
 
     def __init__(self, path: str | PathLike[str] | None = None, *, sha256: str | None = None) -> None:
         self.bundle = Bundle.load(DEFAULT_BUNDLE if path is None else path, sha256)
-        general = GENERAL_BUNDLE if path is None else None
-        self.general = None if general is None else Bundle.load(general)
-        for limits in [bundle.manifest.limits for bundle in (self.bundle, self.general) if bundle is not None]:
-            self.plan(np.zeros((WARM_UP, 2)), limits=limits)
-
-    def bundle_for(self, limits: Limits) -> Bundle:
-        """Return the bundle that plans within these limits.
-
-        Raises:
-            InputError: it needs limits, and there are none.
-        """
-        own = self.general is None or not limits.finite or limits == self.bundle.manifest.limits
-        bundle = self.bundle if own or self.general is None else self.general
-        if not limits.finite and bundle.manifest.kind == GENERAL:
-            raise InputError(f"{bundle.manifest.name} plans within finite limits, and there are none", "limits")
-        return bundle
+        self.plan(np.zeros((WARM_UP, 2)))
 
     def __repr__(self) -> str:
         return f"<Planner with {self.bundle.manifest.name} from {self.bundle.path}>"
@@ -115,7 +94,7 @@ class Planner:
         Args:
             position: a Command, or (K, 2) positions of the object relative to the pan (m) at 1 kHz.
             friction: coefficients; the manifest's if None.
-            limits: what holds at every sample; the manifest's if None.
+            limits: what holds at every sample, all of it finite but the speed; the manifest's if None.
             start: where pan and object are; at rest, the pan in the middle, the object on its mark, if None.
             sizes: radii of pan and object, for what is off the pan; the manifest's if None.
             tolerance: tracking RMSE (m) that the plan is held against, also under other friction; see `FrictionRange`.
@@ -141,15 +120,14 @@ class Planner:
         """
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
         share = _share(robust)
-        effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share, job.limits)
+        effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share)
         count = _candidates(candidates, 1 if effort is None else REFINED_FROM)
         held = _tolerance(tolerance)
-        bundle = self.bundle_for(job.limits)
-        job = with_reach(job) if bundle.manifest.kind == GENERAL else job
-        motion, ahead = best_candidate(bundle, job, count, effort.robust if effort is not None else share or 0.0)
+        job = with_reach(job)
+        motion, ahead = best_candidate(self.bundle, job, count, effort.robust if effort is not None else share or 0.0)
         if effort is not None:
             motion, ahead = self._refined(job, motion, effort) or (motion, ahead)
-        return self._plan(bundle, job, motion, ahead, held)
+        return self._plan(job, motion, ahead, held)
 
     def plan_batch(
         self,
@@ -190,21 +168,19 @@ class Planner:
         )
         jobs = [Job(command, *self._defaults(*one)) for command, one in zip(commands, each, strict=True)]
         held = _tolerance(tolerance)
-        groups: dict[tuple[Bundle, Hashable], list[int]] = defaultdict(list)
+        jobs = [with_reach(job) for job in jobs]
+        groups: dict[Hashable, list[int]] = defaultdict(list)
         for index, job in enumerate(jobs):
-            bundle = self.bundle_for(job.limits)
-            if bundle.manifest.kind == GENERAL:
-                job = jobs[index] = with_reach(job)
-            groups[bundle, group_of(bundle.manifest, job)].append(index)
+            groups[group_of(job)].append(index)
         plans: dict[int, Plan] = {}
-        for (bundle, _), indices in groups.items():
+        for indices in groups.values():
             group = [jobs[index] for index in indices]
-            motions, pans = decode(bundle, group)
+            motions, pans = decode(self.bundle, group)
             errors = friction_off_errors(
                 motions, [job.command.position for job in group], [job.friction for job in group]
             )
             for row, index in enumerate(indices):
-                plans[index] = self._plan(bundle, jobs[index], motions.one(row), pans[row], held, errors[row])
+                plans[index] = self._plan(jobs[index], motions.one(row), pans[row], held, errors[row])
         return [plans[index] for index in range(len(jobs))]
 
     def stream(
@@ -234,8 +210,7 @@ class Planner:
             InputError: as for `plan`.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
-        bundle = self.bundle_for(job.limits)
-        return Stream(bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise, every)
+        return Stream(self.bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise, every)
 
     def _defaults(
         self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None
@@ -243,12 +218,15 @@ class Planner:
         """Put the manifest's values in the place of None.
 
         Raises:
-            InputError: a value is of another type.
+            InputError: a value is of another type, or there are no limits.
         """
         manifest = self.bundle.manifest
+        within = _value(limits, manifest.limits, "limits")
+        if not within.finite:
+            raise InputError(f"{manifest.name} plans within finite limits, and there are none", "limits")
         return (
             _value(friction, manifest.friction, "friction"),
-            _value(limits, manifest.limits, "limits"),
+            within,
             _value(start, AT_REST, "start"),
             _value(sizes, manifest.sizes, "sizes"),
         )
@@ -261,13 +239,12 @@ class Planner:
             motion.sliding[0],
             job.command.position,
             job.friction,
-            chunk_samples(self.bundle_for(job.limits).manifest, job.limits),
+            chunk_samples(job.limits),
             effort,
         )
 
     def _plan(
         self,
-        bundle: Bundle,
         job: Job,
         motion: Motion,
         ahead: Pan,
@@ -277,14 +254,13 @@ class Planner:
         """Cut a motion back to the command's K samples, bring it to rest, and judge it.
 
         Args:
-            bundle: what planned it.
             job: what was planned.
             motion: K samples, or more.
             ahead: the pan at its end.
             tolerance: as for `plan`.
             friction_off_rmse: as for `assess`.
         """
-        manifest, command, samples = bundle.manifest, job.command.position, len(job.command)
+        manifest, command, samples = self.bundle.manifest, job.command.position, len(job.command)
         stop = stop_after(motion, samples, ahead, command[-1], job.friction)
         motion = motion.first(samples)
         quality = assess(
@@ -302,7 +278,7 @@ class Planner:
             remarks=(*job.command.remarks, *job.command.notes),
             friction_off_rmse=friction_off_rmse,
         )
-        return Plan.of(motion, stop, command, job.friction, quality, manifest.name, bundle.sha256, job.sizes)
+        return Plan.of(motion, stop, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)
 
 
 def _command(position: Command | ArrayLike) -> Command:
@@ -341,20 +317,17 @@ def _share(robust: float | None) -> float | None:
     return share
 
 
-def _effort(milliseconds: float | None, iterations: int | None, robust: float, limits: Limits) -> Effort | None:
+def _effort(milliseconds: float | None, iterations: int | None, robust: float) -> Effort | None:
     """Return how long to refine, None for not at all; loads what it takes, so that the time begins to count after.
 
     Raises:
-        InputError: both are given, one is negative, too large, no number or not whole, or there are no limits to refine
-            within.
+        InputError: both are given, or one is negative, too large, no number or not whole.
         MissingExtraError: a time is given, and numba is not installed: without it nothing would come of it.
     """
     if milliseconds is None and iterations is None:
         return None
     if milliseconds is not None and iterations is not None:
         raise InputError("give refine_ms or refine_iterations, not both")
-    if not limits.finite:
-        raise InputError("a plan is refined within limits, and there are none", "limits")
     name, value = ("refine_ms", milliseconds) if iterations is None else ("refine_iterations", iterations)
     amount = number(value, name)
     if not 0.0 <= amount <= MOST_EFFORT[name]:

@@ -28,7 +28,6 @@ from runtime.following.end import End
 from runtime.following.state import StreamState, StreamStatus
 from runtime.measured import check_age, check_pan, check_state, check_states
 from runtime.network.bundle import Bundle
-from runtime.network.general import GeneralReader
 from runtime.network.job import Job
 from runtime.observe.estimates import FrictionEstimate, ObjectEstimate
 from runtime.observe.sight import Sight
@@ -65,11 +64,11 @@ class Stream:
         command_delay: time from a command to its execution (s): the network is shown where pan and object will be when
             its chunk begins to act. None to use what the encoders tell of it.
         noise: standard deviation of the positions that `see_object` is told (m).
-        every: samples after which the network should be asked again at the latest, if it can be asked before its chunk
-            has ended; None for the whole chunk, which follows best.
+        every: samples after which the network should be asked again at the latest; None for the whole chunk, which
+            follows best.
 
     Attributes:
-        chunk: samples in a chunk, C: of a network for every pan as many as its limits make it.
+        chunk: samples in a chunk, C: as many as the limits make it.
 
     Raises:
         InputError: there are no limits, the pan cannot come to rest within them from its start, or delay or noise are
@@ -137,13 +136,13 @@ class Stream:
 
     @property
     def due(self) -> bool:
-        """Whether the network should be asked before its chunk has ended, and can be: something was seen since the last
-        step that the law does not explain, a push or a slip, or `every` samples have been executed.
+        """Whether the network should be asked before its chunk has ended: something was seen since the last step that
+        the law does not explain, a push or a slip, or `every` samples have been executed.
         """
         sight = self._state.sight
         executed = max(sight.arrived) - (sight.end - self.chunk)
         late = self._every is not None and executed >= self._every
-        return (sight.event or late) and isinstance(self._course.reader, GeneralReader)
+        return sight.event or late
 
     def see_object(self, position: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
         """Take in where the object was seen: at any time, however late, in any order; no velocity is needed.
@@ -206,8 +205,8 @@ class Stream:
         holds, and `status` says what happened. A pan is believed as far as the reading before agrees, an object as far
         as physics allows.
 
-        A network for every pan may be asked before its chunk has ended. Where the pan could not stop from there, what
-        is left of the chunk is given again, and its stop behind it.
+        The network may be asked before its chunk has ended. Where the pan could not stop from there, what is left of
+        the chunk is given again, and its stop behind it.
 
         Args:
             pan_state: (C, 6) the last C measured pan positions (m), relative to the centre of the reach, and
@@ -222,8 +221,7 @@ class Stream:
             (C, 3) pan accelerations (m/s^2).
 
         Raises:
-            InputError: a state of another shape or type, an age that is no number, or a network for one pan that is
-                asked before its chunk has ended: a mistake in the program.
+            InputError: a state of another shape or type, or an age that is no number: a mistake in the program.
             ConcurrentUseError: called while another call is running.
         """
         with self._alone():
@@ -335,18 +333,11 @@ class Stream:
         """Return how many samples of the chunk given last have been executed.
 
         Raises:
-            InputError: there are not so many, or the network cannot be asked then.
+            InputError: there are not so many.
         """
         if executed is None:
             return self.chunk
-        samples = self._sample(executed, "executed", 1)
-        if samples < self.chunk and not isinstance(self._course.reader, GeneralReader):
-            raise InputError(
-                f"a network for one pan is asked after all {self.chunk} samples of its chunk, not after {samples}: "
-                "use one for every pan",
-                "executed",
-            )
-        return samples
+        return self._sample(executed, "executed", 1)
 
     def _take(
         self,

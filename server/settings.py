@@ -40,7 +40,7 @@ class Settings(BaseSettings):
         None, ge=0, le=65535, description="Port of its own for /metrics and /health, which needs no token."
     )
     insecure: bool = Field(False, description="Listen beyond this machine without a token.")
-    model: Path | None = Field(None, description="Bundle folder, or a shipped one: default, fp32.")
+    model: Path | None = Field(None, description="Bundle folder; the shipped one if not given.")
     bundle_sha256: str | None = Field(
         None, pattern="^[0-9a-f]{64}$", description="sha256 that the bundle's manifest must have."
     )

@@ -58,7 +58,7 @@ def eval_main() -> None:
 
 
 def slide_train(
-    config: Annotated[str, typer.Argument(help="base, default, smoke, paper, or a .json file.", show_default=False)],
+    config: Annotated[str, typer.Argument(help="default, smoke, paper, or a .json file.", show_default=False)],
     run_folder: Annotated[
         Path | None,
         typer.Option("--run", "-o", help="Folder of the run; runs/CONFIG[-MODEL] if not given.", metavar="DIR"),
@@ -69,12 +69,10 @@ def slide_train(
     init: Annotated[
         Path | None,
         typer.Option(
-            "--init",
-            help="Begin with the weights of this run or bundle, a shipped one by its name.",
-            metavar="RUN_OR_BUNDLE",
+            "--init", help="Begin with the weights of this run, or of a bundle that has them.", metavar="RUN_OR_BUNDLE"
         ),
     ] = None,
-    model: Annotated[ModelName | None, typer.Option(help="Model A, B or C of the paper's Section V-B.")] = None,
+    model: Annotated[ModelName | None, typer.Option(help="Of paper: model A, B or C of its Section V-B.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the weights and of all that is drawn.")] = None,
     epochs: Annotated[int | None, typer.Option(help="Epochs over which the curriculum is stretched.")] = None,
     threads: Annotated[int | None, typer.Option(help="CPU threads.")] = None,
@@ -84,7 +82,7 @@ def slide_train(
 ) -> None:
     """Train a network; each epoch leaves a checkpoint from which --resume continues."""
     with extra("train"):
-        from train.config import load_config, trains_from_scratch
+        from train.config import load_config
     settings = load_config(
         config,
         model=None if model is None else model.value,
@@ -97,17 +95,13 @@ def slide_train(
         raise InputError("--run and --resume both name the run's folder: give one of them")
     if resume is not None and init is not None:
         raise InputError("--init and --resume both say what to begin with: give one of them")
-    if resume is None and init is None and not trains_from_scratch(settings):
-        raise InputError(
-            f"configuration {settings.name} goes on from a trained network: --init runs/base, or --init fp32"
-        )
     folder = resume or run_folder or Path("runs") / _run_name(settings)
 
     with extra("train"):
+        from train.learn.checkpoint import CHECKPOINT, load_checkpoint
         from train.learn.parallel import process_group
         from train.learn.trainer import Trainer
         from train.learn.warm_start import begin_with
-        from train.network.checkpoint import CHECKPOINT, load_checkpoint
 
     if resume is None and (folder / CHECKPOINT).exists():
         raise OutputError(f"{folder} holds a run already: continue it with --resume {folder}, or give another --run")
@@ -126,8 +120,9 @@ def slide_train(
 
 def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
     """Train, and say what came of it; process 0 speaks for all."""
+    from train.learn.checkpoint import CHECKPOINT
     from train.learn.parallel import rank
-    from train.network.checkpoint import CHECKPOINT
+    from train.paper.config import PaperConfig
 
     try:
         with _progress(trainer, quiet=as_json or rank() > 0) as report:
@@ -148,7 +143,9 @@ def _train(trainer: Trainer, folder: Path, as_json: bool) -> None:
     if as_json:
         print_json(summary)
     else:
-        print(f"{summary['checkpoint']}: export it with  slide-export {folder} -o BUNDLE")
+        paper = isinstance(trainer.config, PaperConfig)
+        then = f"evaluate it with  slide-eval {folder}" if paper else f"export it with  slide-export {folder} -o BUNDLE"
+        print(f"{summary['checkpoint']}: {then}")
 
 
 def _until_interrupted(report: Callable[[Any], None]) -> Callable[[Any], None]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from train.config import AnyConfig
-from train.general.config import GeneralConfig
-from train.general.recipe import GeneralRecipe
-from train.learn.one_pan import OnePanRecipe
 from train.learn.recipe import Recipe
+from train.network.recipe import NetworkRecipe
+from train.paper.config import PaperConfig
+from train.paper.recipe import PaperRecipe
 
 
 def recipe_of(config: AnyConfig) -> Recipe:
     """Return how a configuration is trained."""
-    return GeneralRecipe(config) if isinstance(config, GeneralConfig) else OnePanRecipe(config)
+    return PaperRecipe(config) if isinstance(config, PaperConfig) else NetworkRecipe(config)

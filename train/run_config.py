@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 # These stand here, and not where they are put to use, so that a configuration is judged without loading torch.
 Precision = Literal["auto", "float32", "bfloat16"]
@@ -40,3 +40,21 @@ class RunConfig(BaseModel):
     average: float = Field(0.998, ge=0, lt=1, description="decay of the weights' moving average per step; 0: none")
     precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
     threads: Count = Field(2, description="CPU threads of each process; resuming bit for bit needs the same number")
+
+    @model_validator(mode="after")
+    def _batch_fits(self) -> Self:
+        if self.batch > self.trajectories:
+            raise ValueError(f"batch: {self.batch} exceeds the {self.trajectories} trajectories of an epoch")
+        return self
+
+
+def check_ranges(config: RunConfig, *names: str) -> None:
+    """Check pairs of which the first is the lowest and the second the highest.
+
+    Raises:
+        ValueError: a lowest exceeds its highest.
+    """
+    for name in names:
+        low, high = getattr(config, name)
+        if low > high:
+            raise ValueError(f"{name}: the lowest, {low:g}, exceeds the highest, {high:g}")

@@ -54,7 +54,7 @@ def film(planner: Planner, plan: Plan, arm: str) -> list[Image]:
             frames.append(Image.fromarray(camera.picture(k)))
 
     stream = planner.stream(plan.command_position, plan.friction)
-    execute(plan, simulated, closed_loop(stream, planner.bundle.manifest.one_pan.chunk, len(plan)), [shoot])
+    execute(plan, simulated, closed_loop(stream, stream.chunk, len(plan)), [shoot])
     return frames
 
 

@@ -14,17 +14,12 @@ from benchmarks.harness.tables import table, targets_table
 from benchmarks.harness.targets import MEGABYTES, MILLIMETRES, PERCENT, TIMES, Target, Verdict
 from benchmarks.suite.families import long
 from runtime.cli.console import MM
-from runtime.command import Command
 from runtime.documents.checks import FloatArray
 from runtime.errors import extra
 from runtime.friction import Friction
-from runtime.network.decode import decode
-from runtime.network.job import Job
-from runtime.network.one_pan import Window
 from runtime.physics.law import DT, slide_one
 from runtime.physics.pan import IN_PLANE, integrate_pan
 from runtime.planner import Planner
-from runtime.start import Start
 
 FAMILIES = ("drawings", "spline_position", "loops")
 
@@ -52,39 +47,13 @@ class LongSettings:
         seconds: length of a long command (s).
         commands: long commands of each family.
         short: short commands of each family.
-        windows: those that are tried, the one that ships first. Chunks read at once (None: as many as were trained
-            on), and chunks of them that are planned again.
         seeds: times that each command is followed under noise, a step of the friction and a push.
     """
 
     seconds: float = 60.0
     commands: int = 6
     short: int = 48
-    windows: tuple[Window, ...] = (
-        Window(),
-        Window(unread=3),
-        Window(unread=10),
-        Window(12, 6),
-        Window(10, 5),
-    )
     seeds: int = 3
-
-
-@dataclass(frozen=True)
-class WindowErrors:
-    """One way to plan long commands.
-
-    Attributes:
-        chunks: read at once; None for as many as were trained on.
-        unread: chunks of these that are planned again with the next window.
-        families: mean tracking RMSE of the pieces (m), by family.
-        ratio: that over the mean of short commands, in the family where it is largest.
-    """
-
-    chunks: int | None
-    unread: int
-    families: Mapping[str, float]
-    ratio: float
 
 
 @dataclass(frozen=True)
@@ -113,21 +82,23 @@ class Endurance:
     Attributes:
         seconds: length of the long commands (s).
         short: mean tracking RMSE of short commands (m), by family.
-        windows: the windows tried, the shipped one first.
+        pieces: that of the pieces of long ones.
+        ratio: of these over those, in the family where it is largest.
         memory_third, memory: most memory taken while a third of a long command is planned, and all of it (bytes).
         recovery: of the closed loop.
     """
 
     seconds: float
     short: Mapping[str, float]
-    windows: Sequence[WindowErrors]
+    pieces: Mapping[str, float]
+    ratio: float
     memory_third: float
     memory: float
     recovery: Recovery
 
 
 TARGETS = (
-    Target("windows.0.ratio", "60 s over short commands, worst", TIMES, "<=", 1.0),
+    Target("ratio", "60 s over short commands, worst", TIMES, "<=", 1.0),
     Target("memory_third", "memory for a third of a long command", MEGABYTES),
     Target("memory", "memory for a long command", MEGABYTES),
     Target("recovery.ratio", "error after a push over nominal", TIMES, "<=", 2.0),
@@ -139,7 +110,7 @@ TARGETS = (
 
 
 def measure_endurance(subject: Subject, settings: LongSettings) -> Measured:
-    """Plan long commands by several windows, and follow disturbed ones in closed loop.
+    """Plan long commands, and follow disturbed ones in closed loop.
 
     Raises:
         MissingExtraError: the generators of the training, which draw the commands, need what is not installed.
@@ -150,14 +121,12 @@ def measure_endurance(subject: Subject, settings: LongSettings) -> Measured:
         name: float(np.mean([_rmse(planner, position) for position in _commands(name, settings.short, PIECE)]))
         for name in FAMILIES
     }
-    windows = []
-    for tried in settings.windows:
-        errors = {name: float(np.mean([_pieces(planner, each, tried) for each in commands[name]])) for name in FAMILIES}
-        windows.append(WindowErrors(*tried, errors, max(errors[name] / short[name] for name in FAMILIES)))
+    pieces = {name: float(np.mean([_pieces(planner, each) for each in commands[name]])) for name in FAMILIES}
+    ratio = max(pieces[name] / short[name] for name in FAMILIES)
     position = commands[FAMILIES[0]][0]
     memory_third, memory = (_memory(planner, each) for each in (position[: len(position) // 3], position))
     recovery = recovery_of(planner, settings.seeds)
-    return Measured(Endurance(settings.seconds, short, windows, memory_third, memory, recovery))
+    return Measured(Endurance(settings.seconds, short, pieces, ratio, memory_third, memory, recovery))
 
 
 def _commands(family: str, count: int, samples: int) -> FloatArray:
@@ -174,12 +143,9 @@ def _rmse(planner: Planner, position: FloatArray) -> float:
     return planner.plan(position).quality.tracking_rmse
 
 
-def _pieces(planner: Planner, position: FloatArray, window: Window) -> float:
+def _pieces(planner: Planner, position: FloatArray) -> float:
     """Return the mean RMSE (m) of the pieces of a command that is planned in one call."""
-    manifest = planner.bundle.manifest
-    job = Job(Command(position), manifest.friction, manifest.limits, Start())
-    motion, _ = decode(planner.bundle, [job], window)
-    error = motion.sliding[0, : len(position), :2] - position
+    error = planner.plan(position).object_position - position
     squared = (error * error).sum(axis=1)[: len(error) // PIECE * PIECE]
     return float(np.sqrt(squared.reshape(-1, PIECE).mean(axis=1)).mean())
 
@@ -232,15 +198,14 @@ def follow(planner: Planner, position: FloatArray, seed: int, noise: bool, distu
 
 
 def long_tables(endurance: Endurance, verdicts: Sequence[Verdict]) -> list[Table]:
-    """Return the error of long commands by window, and the memory and a disturbed loop beside their targets."""
+    """Return the error of long commands, and the memory and a disturbed loop beside their targets."""
     names = list(endurance.short)
-    rows = [("short commands", "", *(f"{endurance.short[name] * MM:.2f}" for name in names), "")]
-    for each in endurance.windows:
-        errors = (f"{each.families[name] * MM:.2f}" for name in names)
-        chunks = "trained on" if each.chunks is None else f"{each.chunks}"
-        rows.append((chunks, f"{each.unread}", *errors, f"{each.ratio:.2f}"))
+    rows = [
+        ("short commands", *(f"{endurance.short[name] * MM:.2f}" for name in names), ""),
+        ("long ones", *(f"{endurance.pieces[name] * MM:.2f}" for name in names), f"{endurance.ratio:.2f}"),
+    ]
     title = f"Commands of {endurance.seconds:g} s: mean tracking RMSE of each 1.2 s (mm)"
-    header = ("window (chunks)", "unread", *names, "worst")
+    header = ("", *names, "worst ratio")
     return [table(title, header, rows), *targets_table("Long commands", verdicts)]
 
 

@@ -154,7 +154,7 @@ def within_limits(planner: Planner, settings: PeersSettings) -> Measured:
                 if cannot_slide(task):
                     continue
                 network = network_within(planner, task)
-                planners = {planner.bundle_for(task.limits).manifest.name: network}
+                planners = {planner.bundle.manifest.name: network}
                 peers = [kind(limits=task.limits, **effort) for kind in kinds]
                 planners |= {peer.name: peer for peer in peers}
                 own = 0.0

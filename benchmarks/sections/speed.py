@@ -24,7 +24,9 @@ from runtime.cli.console import BAD_INPUT
 from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND
 from runtime.documents.checks import FloatArray
 from runtime.errors import MissingExtraError, SlideError, extra
-from runtime.network.bundle import Bundle, widths_of
+from runtime.network.bundle import Bundle
+from runtime.network.reader import chunk_samples
+from runtime.network.units import OBSERVED, READ
 from runtime.physics.law import compile_law, slide_batch, slide_one
 from runtime.planner import Planner
 
@@ -200,10 +202,9 @@ def compiled_speed(planner: Planner, eager: Planner | None, rounds: int) -> Plan
 
 def network_speed(planner: Planner, eager: Planner, rounds: int) -> NetworkSpeed:
     """Run the graphs as a plan does, the encoder once and then step after step, with both engines in turn."""
-    manifest, rng = planner.bundle.manifest, np.random.default_rng(0)
-    widths, steps = widths_of(manifest), SAMPLES // manifest.one_pan.chunk
-    command = rng.uniform(-0.1, 0.1, (1, steps, widths.command)).astype(np.float32)
-    observation = rng.uniform(-0.1, 0.1, (1, widths.observation)).astype(np.float32)
+    rng, steps = np.random.default_rng(0), -(-SAMPLES // chunk_samples(planner.bundle.manifest.limits))
+    command = rng.uniform(-0.1, 0.1, (1, steps // 2, READ)).astype(np.float32)
+    observation = rng.uniform(-0.1, 0.1, (1, OBSERVED)).astype(np.float32)
 
     def encode(bundle: Bundle) -> Callable[[], object]:
         return lambda: bundle.encode(command)

@@ -1,9 +1,9 @@
 """What training costs on one thread: the trainer's own step, friction's share of it, and whole configurations.
 
-A step is `train.learn.trainer.Trainer.step` on a batch of the loss L (Eq. 21): forward, the configuration's loss,
-backward, the bound on the gradient, the configuration's optimizer, the moving average of the weights, and the tracking
-error that is reported. Not in it are the drawing of commands, which the trainer does in another thread, disturbances,
-validation and checkpoints.
+A step is `train.learn.trainer.Trainer.step` on the last batch of a run, of trajectories of the mean length: forward,
+the configuration's loss, backward, the bound on the gradient, the configuration's optimizer, the moving average of the
+weights, and the tracking error that is reported. Not in it are the drawing of trajectories, which the trainer does in
+another thread, validation and checkpoints.
 """
 
 from __future__ import annotations
@@ -21,21 +21,13 @@ from benchmarks.harness.section import Measured, Section, Subject
 from benchmarks.harness.tables import span, table, targets_table
 from benchmarks.harness.targets import PERCENT, Target, Unit, Verdict
 from benchmarks.harness.timing import Spread, interleave, one_torch_thread
-from benchmarks.suite.families import spline
 from runtime.errors import extra
 
 if TYPE_CHECKING:  # torch may not be installed
-    from torch import Tensor
+    from train.config import AnyConfig
 
-    from train.batches.batches import Batch
-    from train.config import TrainConfig
-
-SLIPPERY = (0.02, 0.01)
-"""Static and kinetic friction of the steps that are timed.
-
-An untrained network's accelerations, well under 1 m/s^2, would leave every object stuck, where friction and its
-adjoint are cheapest; on a pan this slippery the objects slide.
-"""
+PUSH = 8.0
+"""Standard deviation of the accelerations that friction is timed with (m/s^2): objects stick and slide."""
 
 
 class Variation(NamedTuple):
@@ -51,7 +43,7 @@ class TrainingSettings:
 
     Attributes:
         configuration: whose step is timed and taken apart.
-        batch, samples: trajectories of that step, and their length.
+        batch, samples: trajectories of that step, and their length; a multiple of 8 and one of 128.
         rounds: steps.
         projected: configurations whose whole cost is projected.
         projection_rounds: steps of each of these.
@@ -59,12 +51,11 @@ class TrainingSettings:
 
     configuration: str = "default"
     batch: int = 64
-    samples: int = 1000
+    samples: int = 1024
     rounds: int = 10
     projected: tuple[Variation, ...] = (
-        Variation("base"),
-        Variation("base", {"units": 512}),
         Variation("default"),
+        Variation("default", {"units": 512}),
         Variation("paper"),
         Variation("paper", {"precision": "float32"}),
     )
@@ -147,27 +138,26 @@ def measure_training(subject: Subject, settings: TrainingSettings) -> Measured:
     """
     with extra("train"):
         import train.learn.trainer  # noqa: F401
-        from train.config import load_one_pan
-    configuration = load_one_pan(settings.configuration)
-    projected = [load_one_pan(name, **changes) for name, changes in settings.projected]
+        from train.config import load_config
+    sizes = {"batch": settings.batch, "samples": (settings.samples, settings.samples)}
+    configuration = load_config(settings.configuration, **sizes)
+    projected = [load_config(name, **changes) for name, changes in settings.projected]
     with one_torch_thread():
         projections = tuple(project(each, settings.projection_rounds) for each in projected)
         return Measured(_training(configuration, settings, projections))
 
 
-def _training(config: TrainConfig, settings: TrainingSettings, projections: tuple[Projection, ...]) -> Training:
-    batch = slippery_batch(settings.batch, settings.samples // config.chunk * config.chunk)
-    own, precision = trainer_step(config, batch)
-    chunks = decoded_chunks(config, batch)
-    actions = {"friction": lambda: slide(chunks, batch), precision: own}
+def _training(config: AnyConfig, settings: TrainingSettings, projections: tuple[Projection, ...]) -> Training:
+    own, precision = trainer_step(config)
+    actions = {"friction": friction(settings.batch, settings.samples), precision: own}
     if precision != "float32":
-        actions["float32"] = trainer_step(config.model_copy(update={"precision": "float32"}), batch)[0]
+        actions["float32"] = trainer_step(config.model_copy(update={"precision": "float32"}))[0]
     durations = interleave(actions, settings.rounds)
     return Training(
         configuration=config.name,
         units=config.units,
         batch=settings.batch,
-        samples=batch.mask.shape[1],
+        samples=settings.samples,
         precision=precision,
         step=Spread.of(durations[precision]),
         step_float32=None if precision == "float32" else Spread.of(durations["float32"]),
@@ -177,10 +167,14 @@ def _training(config: TrainConfig, settings: TrainingSettings, projections: tupl
     )
 
 
-def project(config: TrainConfig, rounds: int) -> Projection:
+def project(config: AnyConfig, rounds: int) -> Projection:
     """Time steps of `config` at its own batch and mean length, and multiply."""
-    samples = round(sum(config.samples) / 2 / config.chunk) * config.chunk
-    step, precision = trainer_step(config, slippery_batch(config.batch, samples))
+    from runtime.network.units import ENCODER_CHUNK
+    from train.paper.config import PaperConfig
+
+    chunk = config.chunk if isinstance(config, PaperConfig) else ENCODER_CHUNK
+    samples = round(sum(config.samples) / 2 / chunk) * chunk
+    step, precision = trainer_step(config.model_copy(update={"samples": (samples, samples)}))
     step()  # warms up
     begin = time.process_time()
     for _ in range(rounds):
@@ -200,58 +194,40 @@ def project(config: TrainConfig, rounds: int) -> Projection:
     )
 
 
-def slippery_batch(count: int, samples: int) -> Batch:
-    """Return the beginnings of the spline commands, as often as it takes, as a batch of the training."""
-    from train.batches.batches import make_batch
-
-    commands = spline().positions
-    position = np.stack([commands[index % len(commands)][:samples] for index in range(count)])
-    static, kinetic = (np.full(count, coefficient) for coefficient in SLIPPERY)
-    return make_batch(position, np.full(count, samples), None, static, kinetic)
-
-
-def trainer_step(config: TrainConfig, batch: Batch) -> tuple[Callable[[], object], str]:
-    """Return a step of the trainer on a batch, in the last epoch of the configuration, and the precision it has."""
+def trainer_step(config: AnyConfig) -> tuple[Callable[[], object], str]:
+    """Return the last step of a run of the trainer, and the precision it has."""
     import torch
 
-    from train.batches.batches import Drawn
-    from train.curriculum import CURRICULA, task_at
-    from train.learn.one_pan import TaskBatch
     from train.learn.trainer import Trainer
 
     with torch.random.fork_rng():  # building a network seeds torch's own generator
         trainer = Trainer(config.model_copy(update={"threads": 1}), Path())  # a step writes nothing into the folder
-    task = task_at(CURRICULA[config.curriculum], config.model, config.epochs, config.epochs)
-    drawn = TaskBatch(task, Drawn(False, batch, None))
-    return lambda: trainer.step(0, drawn), trainer.config.precision
+    last = trainer.steps - 1
+    drawn = trainer.recipe.draw(last, trainer.steps, slice(0, config.batch))
+    return lambda: trainer.step(last, drawn), trainer.config.precision
 
 
-def decoded_chunks(config: TrainConfig, batch: Batch) -> list[Tensor]:
-    """Return an untrained network's pan accelerations, (B, C, 2) a chunk, as leaves to differentiate by."""
+def friction(count: int, samples: int) -> Callable[[], object]:
+    """Return what only friction does in a step: rollouts of `count` pans that lift, chunk by chunk, and adjoints."""
     import torch
 
-    from train.network.checkpoint import build_model
-    from train.physics.closed_loop import decode
-
-    with torch.random.fork_rng(), torch.no_grad():
-        model = build_model(config)
-        u = decode(model, batch.command, batch.static, batch.kinetic).u
-    return [chunk.contiguous().requires_grad_() for chunk in torch.split(u, model.chunk, dim=1)]
-
-
-def slide(chunks: list[Tensor], batch: Batch) -> None:
-    """Do only what friction does in a step: its rollouts, chunk after chunk, and their adjoints."""
-    import torch
-
+    from runtime.network.units import CHUNK
     from train.physics.rollout import rollout
 
-    start = torch.zeros(len(chunks[0]), 8, dtype=torch.float64)
-    moved = []
-    for u in chunks:
-        states = rollout(start, u, batch.static, batch.kinetic)
-        start = states[:, -1]
-        moved.append(states)
-    torch.autograd.grad(moved, chunks, [torch.ones_like(states) for states in moved])
+    u = torch.from_numpy(np.random.default_rng(0).normal(0.0, PUSH, (count, samples, 3)))
+    u[..., 2].clamp_(min=-PUSH)
+    chunks = [chunk.contiguous().requires_grad_() for chunk in torch.split(u, CHUNK, dim=1)]
+    static, kinetic = (torch.full((count,), each, dtype=torch.float64) for each in (1.0, 0.5))
+
+    def slide() -> None:
+        start, moved = torch.zeros(count, 10, dtype=torch.float64), []
+        for chunk in chunks:
+            states = rollout(start, chunk, static, kinetic)
+            start = states[:, -1]
+            moved.append(states)
+        torch.autograd.grad(moved, chunks, [torch.ones_like(states) for states in moved])
+
+    return slide
 
 
 def training_tables(training: Training, verdicts: Sequence[Verdict]) -> list[Table]:

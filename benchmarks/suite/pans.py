@@ -16,7 +16,6 @@ from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.limits import Limits
-from runtime.network.manifest import GENERAL
 from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.planner import Planner
@@ -237,8 +236,7 @@ def disturb(planner: Planner, task: Task, commands: int | None) -> Disturbed:
 def _loop(planner: Planner, position: FloatArray, task: Task, push: FloatArray | None = None) -> FloatArray:
     """Follow a command in closed loop with the law, asked every ASKED_EVERY samples; where the object is, (K, 2)."""
     stream = planner.stream(position, task.friction, limits=task.limits)
-    general = planner.bundle_for(task.limits).manifest.kind == GENERAL
-    every = min(ASKED_EVERY, stream.chunk) if general else stream.chunk
+    every = min(ASKED_EVERY, stream.chunk)
     pan, sliding = np.zeros((1, 6)), np.array([[*position[0], 0.0, 0.0]])
     states: tuple[FloatArray | None, FloatArray | None] = (None, None)
     executed = None

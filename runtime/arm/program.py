@@ -274,8 +274,7 @@ def _source(plan: Plan, options: ArmOptions, loop: _Loop, stack: ExitStack) -> t
         command_delay=options.command_delay or 0.0,
         noise=max(options.noise or 0.0, LEAST_NOISE),
     )
-    bundle = planner.bundle if limits is None else planner.bundle_for(limits)
-    remarks = _other(plan, bundle.manifest.name, bundle.sha256)
+    remarks = _other(plan, planner.bundle.manifest.name, planner.bundle.sha256)
     if loop.camera is not None:
         return watching(stream, loop.camera, stream.chunk, len(plan)), remarks
     return closed_loop(stream, stream.chunk, len(plan)), remarks

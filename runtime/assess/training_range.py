@@ -3,55 +3,58 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from runtime.command import Command
 from runtime.documents.checks import FloatArray
-from runtime.friction import Friction
-from runtime.network.general import units_of_one
 from runtime.network.job import Job
-from runtime.network.manifest import ONE_PAN, TRAINED_ON, Manifest
+from runtime.network.manifest import Manifest
+from runtime.network.reader import units_of_one
 from runtime.network.units import ACCELERATION
 from runtime.physics.law import DT, GRAVITY
 from runtime.physics.motion import lengths
-from runtime.start import Start
 
 SPAN = 20
-"""Samples over which a command's velocity is averaged, to tell its speed and its corners: noise of a millimetre is
-neither, and no object turns faster."""
+"""Samples, of the network's time, over which a command's velocity is averaged, to tell its speed and its corners: noise
+of a millimetre is neither, and no object turns faster."""
 
 ROUNDING = 1e-9
 """Share by which a value may pass a range and nothing is said: it was converted."""
 
 
+class Asked(NamedTuple):
+    """What a plan asks of the network in one respect.
+
+    Attributes:
+        value: how much.
+        unit: its unit, for people.
+        scale: of the manifest's range, in the value's unit.
+    """
+
+    value: float
+    unit: str = ""
+    scale: float = 1.0
+
+
 def beyond_training(manifest: Manifest, job: Job) -> list[str]:
-    """Return a line for each thing of a job that is outside the range its network was trained on."""
-    if manifest.kind == ONE_PAN:
-        found = asked_for(job.command, job.friction, job.start)
-    else:
-        found = asked_of_general(job, manifest.trained_on["pan_speed"][1])
-    return beyond(found, manifest.trained_on, TRAINED_ON[manifest.kind])
+    """Return a line for each thing of a job that is outside the range its network was trained on.
+
+    Commands with more samples than any trained on are not outside: they are read by windows.
+    """
+    lines = []
+    for name, (value, unit, scale) in asked_for(job, manifest.trained_on["pan_speed"][1]).items():
+        low, high = (scale * end for end in manifest.trained_on[name])
+        if low <= value <= high * (1.0 + ROUNDING) or (name == "samples" and value > high):
+            continue
+        of = f" {unit}" if unit else ""
+        what = name.replace("_", " ")
+        lines.append(f"{what} {value:.4g}{of} is outside the range trained on, {low:.4g} to {high:.4g}{of}")
+    return lines
 
 
-def asked_for(command: Command, friction: Friction, start: Start) -> dict[str, float]:
-    """Return what a plan asks of a network for one pan, by the names and in the units of TRAINED_ON."""
-    velocity = _mean_velocity(command.position, SPAN)
-    turns = lengths(velocity[SPAN:] - velocity[:-SPAN])
-    return {
-        "static": friction.static,
-        "kinetic": friction.kinetic,
-        "reach": command.reach,
-        "speed": float(lengths(velocity).max()),
-        "samples": float(len(command)),
-        "start_speed": math.hypot(*start.pan_velocity),
-        "corner": float(turns.max()),
-    }
-
-
-def asked_of_general(job: Job, fastest: float) -> dict[str, float]:
-    """Return what a plan asks of a network for every pan, by the names and in the units of TRAINED_ON.
+def asked_for(job: Job, fastest: float) -> dict[str, Asked]:
+    """Return what a plan asks of the network, by the names of `runtime.network.manifest.TRAINED_ON`.
 
     Args:
         job: what is to be planned.
@@ -64,40 +67,22 @@ def asked_of_general(job: Job, fastest: float) -> dict[str, float]:
     span = max(1, round(SPAN * step))
     velocity = _mean_velocity(job.command.position, span)
     turns = lengths(velocity[span:] - velocity[:-span])
+    push = friction.static * weight / (1.0 if limits.level else math.hypot(1.0, friction.static))
     return {
-        "static": friction.static,
-        "kinetic": friction.kinetic,
-        "push": friction.static * weight / (1.0 if limits.level else math.hypot(1.0, friction.static)),
-        "pan_reach": limits.pan_reach,
-        "height": limits.height,
-        "pan_speed": min(limits.speed, fastest),
-        "acceleration": limits.acceleration,
-        "jerk": limits.jerk,
-        "reach": job.command.reach / limits.pan_reach,
-        "speed": float(lengths(velocity).max()) / velocity_unit,
-        "start_speed": math.hypot(*job.start.pan_velocity) / velocity_unit,
-        "corner": float(turns.max()) / velocity_unit,
-        "samples": len(job.command) / step,
+        "static": Asked(friction.static),
+        "kinetic": Asked(friction.kinetic),
+        "push": Asked(push, "of the acceleration limit"),
+        "pan_reach": Asked(limits.pan_reach, "m"),
+        "height": Asked(limits.height, "m"),
+        "pan_speed": Asked(min(limits.speed, fastest), "m/s"),
+        "acceleration": Asked(limits.acceleration, "m/s^2"),
+        "jerk": Asked(limits.jerk, "m/s^3"),
+        "reach": Asked(job.command.reach, "m", limits.pan_reach),
+        "speed": Asked(float(lengths(velocity).max()), "m/s", velocity_unit),
+        "start_speed": Asked(math.hypot(*job.start.pan_velocity), "m/s", velocity_unit),
+        "corner": Asked(float(turns.max()), "m/s", velocity_unit),
+        "samples": Asked(len(job.command), "", step),
     }
-
-
-def beyond(
-    found: Mapping[str, float],
-    trained_on: Mapping[str, tuple[float, float]],
-    units: Mapping[str, str] = TRAINED_ON[ONE_PAN],
-) -> list[str]:
-    """Return a line for each thing that is outside the range trained on.
-
-    Commands with more samples than any trained on are not outside: they are planned by windows.
-    """
-    lines = []
-    for name, (low, high) in trained_on.items():
-        value, unit = found[name], f" {units[name]}" if units[name] else ""
-        if low <= value <= high * (1.0 + ROUNDING) or (name == "samples" and value > high):
-            continue
-        what = name.replace("_", " ")
-        lines.append(f"{what} {value:.4g}{unit} is outside the range trained on, {low:g} to {high:g}{unit}")
-    return lines
 
 
 def _mean_velocity(position: FloatArray, span: int) -> FloatArray:

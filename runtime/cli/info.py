@@ -12,8 +12,8 @@ import typer
 from runtime.cli.console import AsJson, print_json, print_table, run
 from runtime.limits import UNITS, Limits
 from runtime.network.bundle import Bundle
-from runtime.network.manifest import BUNDLE_FORMAT, TRAINED_ON, Manifest, OnePan
-from runtime.planner import DEFAULT_BUNDLE, GENERAL_BUNDLE
+from runtime.network.manifest import BUNDLE_FORMAT, TRAINED_ON
+from runtime.planner import DEFAULT_BUNDLE
 
 
 def info_main() -> None:
@@ -22,9 +22,7 @@ def info_main() -> None:
 
 
 def slide_info(
-    bundle: Annotated[
-        Path | None, typer.Argument(help="Bundle folder, or a shipped one: default, general, fp32.")
-    ] = None,
+    bundle: Annotated[Path | None, typer.Argument(help="Bundle folder; the shipped one if not given.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what a bundle is: its network, what it was trained for and how it did."""
@@ -38,16 +36,14 @@ def slide_info(
         ("name", manifest.name),
         ("format", BUNDLE_FORMAT),
         ("network", f"{manifest.layers} x {manifest.units} LSTM units, {manifest.precision}, opset {manifest.opset}"),
-        *_network_rows(manifest),
+        ("chunk", f"{manifest.network.chunk} samples of the network's time"),
         ("friction, static/kinetic", f"{manifest.friction.static:g}/{manifest.friction.kinetic:g}"),
         ("pan, object radius", f"{manifest.sizes.pan_radius:g} m, {manifest.sizes.object_radius:g} m"),
         *((f"limit on {name.replace('_', ' ')}", _limit(manifest.limits, name)) for name in UNITS),
     ]
-    for name, unit in TRAINED_ON[manifest.kind].items():
+    for name, unit in TRAINED_ON.items():
         low, high = manifest.trained_on[name]
         rows.append((f"trained on {name.replace('_', ' ')}", f"{low:g} to {high:g} {unit}".rstrip()))
-    if bundle is None and GENERAL_BUNDLE is not None:
-        rows.append(("plans under other limits", f"{GENERAL_BUNDLE.name}: slide-info {GENERAL_BUNDLE.name}"))
     rows += [(f"{name} size", f"{size / 1e6:.2f} MB") for name, size in loaded.sizes.items()]
     rows.append(("sha256", loaded.sha256))
     rows += [(name.replace("_", " "), _brief(value) + _unit(name)) for name, value in manifest.evaluation.items()]
@@ -59,20 +55,6 @@ def _limit(limits: Limits, name: str) -> str:
     if name == "height" and limits.level:
         return "0 m: a level pan"
     return "none" if math.isinf(value) else f"{value:g} {UNITS[name]}"
-
-
-def _network_rows(manifest: Manifest) -> list[tuple[str, str]]:
-    network = manifest.network
-    if not isinstance(network, OnePan):
-        return [("kind", "for every pan"), ("chunk", f"{network.chunk} samples of the network's time")]
-    bound = network.acceleration_bound
-    return [
-        ("kind", "for one pan"),
-        ("chunk", f"{network.chunk} samples of {manifest.dt * 1e3:g} ms"),
-        ("command ahead", f"{network.command_ahead} chunks"),
-        ("pan limit", f"{network.pan_limit:g} m"),
-        ("acceleration bound", "none" if bound is None else f"{bound:g} m/s^2"),
-    ]
 
 
 def _unit(name: str) -> str:

@@ -100,7 +100,7 @@ def slide_plan(
     ],
     reading: Reading,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, fp32.", metavar="DIR")
+        Path | None, typer.Option("--model", help="Bundle folder; the shipped one if not given.", metavar="DIR")
     ] = None,
     friction: FrictionOptions = FrictionOptions(),
     limits: LimitOptions = LimitOptions(),

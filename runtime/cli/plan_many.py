@@ -25,7 +25,7 @@ from runtime.many.workers import check_ray, work_through
 from runtime.network.bundle import Bundle
 from runtime.outputs.parquet_file import check_parquet
 from runtime.physics.compiled import compiler
-from runtime.planner import DEFAULT_BUNDLE, GENERAL_BUNDLE
+from runtime.planner import DEFAULT_BUNDLE
 
 NAME = "slide-plan-many"
 
@@ -71,7 +71,7 @@ def slide_plan_many(
         int, typer.Option("--shard", min=1, help="Commands whose plans are one file.", metavar="N")
     ] = SHARD_COMMANDS,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Bundle folder, or a shipped one: default, fp32.", metavar="DIR")
+        Path | None, typer.Option("--model", help="Bundle folder; the shipped one if not given.", metavar="DIR")
     ] = None,
     friction: FrictionOptions = FrictionOptions(),
     limits: LimitOptions = LimitOptions(),
@@ -93,12 +93,12 @@ def slide_plan_many(
     if ray is not None:
         check_ray()
     found = open_source(source)
-    bundles = [Bundle.load(each) for each in ((DEFAULT_BUNDLE, GENERAL_BUNDLE) if model is None else (model,)) if each]
-    manifest = bundles[0].manifest
+    bundle = Bundle.load(DEFAULT_BUNDLE if model is None else model)
+    manifest = bundle.manifest
     task = Task(
         folder=output,
-        bundle=None if model is None else bundles[0].path,
-        sha256=tuple(bundle.sha256 for bundle in bundles),
+        bundle=None if model is None else bundle.path,
+        sha256=bundle.sha256,
         reading=reading,
         friction=chosen(friction, manifest.friction),
         limits=limits.chosen(manifest.limits),

@@ -10,9 +10,8 @@ from runtime.commands.come_back import come_back
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.network.bundle import Bundle
-from runtime.network.general import GeneralReader
 from runtime.network.job import Job
-from runtime.network.reader import Reader, read
+from runtime.network.reader import Reader
 from runtime.observe.estimates import FrictionEstimate
 
 NOTICED_DELAY = 2
@@ -46,7 +45,7 @@ class Course(NamedTuple):
     def begin(cls, bundle: Bundle, job: Job, advance: int) -> Self:
         """Return the course from the beginning of a job's command."""
         ahead = _in_advance(job.command, advance)
-        return cls(bundle, job, advance, ahead, ahead, read(bundle, [job._replace(command=ahead)]))
+        return cls(bundle, job, advance, ahead, ahead, Reader.at(bundle, [job._replace(command=ahead)]))
 
     @property
     def mark(self) -> FloatArray:
@@ -77,8 +76,8 @@ class Course(NamedTuple):
         return course._reading(ahead, self.reader.now) if self.followed is self.ahead else course
 
     def told(self, found: FrictionEstimate) -> Self:
-        """Tell a network that can be told the friction what the frames say, once they rule out what it was told."""
-        if not isinstance(self.reader, GeneralReader) or self.over:
+        """Tell the network the friction that the frames say, once they rule out what it was told."""
+        if self.over:
             return self
         told = self.job.friction
         static = _believed(told.static, found.friction.static, found.static)
@@ -98,7 +97,7 @@ class Course(NamedTuple):
         return self._reading(self.ahead, now), self.ahead.position[min(now, len(self.ahead) - 1)]
 
     def _reading(self, followed: Command, now: int = 0) -> Self:
-        reader = read(self.bundle, [self.job._replace(command=followed)], now)
+        reader = Reader.at(self.bundle, [self.job._replace(command=followed)], now)
         return self._replace(followed=followed, reader=reader)
 
 

@@ -54,7 +54,7 @@ def describe(source: Source, task: Task, commands: int) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "input": {"kind": source.kind, "commands": source.count, "sha256": source.fingerprint()},
-        "model": {"name": None if task.bundle is None else task.bundle.name, "sha256": list(task.sha256)},
+        "model": {"name": None if task.bundle is None else task.bundle.name, "sha256": task.sha256},
         "reading": {name: value for name, value in vars(task.reading).items() if value is not None},
         "friction": task.friction.to_dict(),
         "limits": task.limits.to_dict(),

@@ -67,8 +67,8 @@ class Task:
 
     Attributes:
         folder: where the shards are written.
-        bundle: the bundle's folder; None for the shipped ones, as for `Planner`.
-        sha256: of the manifests of the bundles that plan.
+        bundle: the bundle's folder; None for the shipped one.
+        sha256: of its manifest.
         reading: what the commands' numbers mean.
         friction, limits, sizes: where a command brings none of its own.
         tolerance: as for `Planner.plan`.
@@ -78,7 +78,7 @@ class Task:
 
     folder: Path
     bundle: Path | None
-    sha256: tuple[str, ...]
+    sha256: str
     reading: Reading
     friction: Friction
     limits: Limits
@@ -115,18 +115,14 @@ class Failure:
 
 
 @lru_cache(maxsize=1)
-def planner_of(bundle: Path | None, sha256: tuple[str, ...], compiled: bool) -> Planner:
+def planner_of(bundle: Path | None, sha256: str, compiled: bool) -> Planner:
     """Return this process's planner; loads it at the first call, and compiles the law where that is asked for.
 
     Raises:
-        BundleError: it is not of these hashes.
+        BundleError: it is not of this hash.
     """
     compile_law(compiled)
-    planner = Planner(bundle)
-    found = tuple(each.sha256 for each in (planner.bundle, planner.general) if each is not None)
-    if found != sha256:
-        raise BundleError(f"{planner.bundle.path}: sha256 is {', '.join(found)}, it must be {', '.join(sha256)}")
-    return planner
+    return Planner(bundle, sha256=sha256)
 
 
 def plan_shard(task: Task, shard: Shard) -> Done:

@@ -6,13 +6,10 @@ is compared with the manifest's numbers.
 
 The graphs, row by row (normalization is inside them):
 
-    encoder:       command (B, chunks, W)               -> hidden, cell (layers, B, units)
-    decoder_step:  observation (B, V), hidden, cell     -> pan_acceleration (B, C, D), hidden_out, cell_out
+    encoder:       command (B, chunks, READ)               -> hidden, cell (layers, B, units)
+    decoder_step:  observation (B, OBSERVED), hidden, cell -> pan_acceleration (B, CHUNK, 3), hidden_out, cell_out
 
-Of a network for one pan, all of it is in SI units and D is 2: a command chunk is C rows (x, y, vx, vy), so that W is
-4C; an observation is C rows (pan x, y, vx, vy, object x, y, vx, vy) and then `command_ahead` command chunks, the first
-of them the one whose accelerations are about to be produced. Of a network for every pan, all of it is in the network's
-units, D is 3, and `runtime.network.units` says what READ and OBSERVED numbers are given.
+All of it is in the network's units; `runtime.network.units` says what READ and OBSERVED numbers are given.
 """
 
 from __future__ import annotations
@@ -36,14 +33,13 @@ from runtime.network.manifest import (
     ENCODER,
     MANIFEST_FILE,
     Manifest,
-    OnePan,
     bundle_errors,
 )
 from runtime.network.onnx_check import check_graph
-from runtime.network.units import OBSERVED, READ
+from runtime.network.units import CHUNK, OBSERVED, READ
 
 SHIPPED = Path(__file__).parents[1] / "models"
-"""Folder of the bundles that are shipped, which are known by their names too: `default`, in int8, and `fp32`."""
+"""Folder of the bundles that are shipped, which are known by their names too."""
 ENCODER_OUTPUTS = ("hidden", "cell")
 DECODER_STEP_OUTPUTS = ("pan_acceleration", "hidden_out", "cell_out")
 
@@ -139,11 +135,11 @@ class Bundle:
         return type(self).load, (str(self.path), self.sha256)
 
     def encode(self, command: Float32Array) -> LstmState:
-        """Read commands, (B, chunks, W); the decoder starts from the state it leaves."""
+        """Read commands, (B, chunks, READ); the decoder starts from the state it leaves."""
         return LstmState(*self.sessions[ENCODER].run(ENCODER_OUTPUTS, {"command": command}))
 
     def decode_step(self, observation: Float32Array, state: LstmState) -> tuple[Float32Array, LstmState]:
-        """Produce the next C pan accelerations (B, C, D) from the observation, (B, V)."""
+        """Produce the next pan accelerations (B, CHUNK, 3) from the observation, (B, OBSERVED)."""
         inputs = {"observation": observation, "hidden": state.hidden, "cell": state.cell}
         acceleration, hidden, cell = self.sessions[DECODER_STEP].run(DECODER_STEP_OUTPUTS, inputs)
         return acceleration, LstmState(hidden, cell)
@@ -154,15 +150,14 @@ class Bundle:
         Raises:
             BundleError: a graph fails, or gives another shape than the manifest's numbers ask for.
         """
-        manifest, widths = self.manifest, widths_of(self.manifest)
         try:
-            state = self.encode(np.zeros((2, 3, widths.command), dtype=np.float32))
-            observation = np.zeros((2, widths.observation), dtype=np.float32)
+            state = self.encode(np.zeros((2, 3, READ), dtype=np.float32))
+            observation = np.zeros((2, OBSERVED), dtype=np.float32)
             acceleration, after = self.decode_step(observation, state)
         except Exception as error:  # onnxruntime's own exceptions share no base class of theirs
             raise BundleError(f"{source}: a graph does not run: {_first_line(error)}") from error
-        memory = (manifest.layers, 2, manifest.units)
-        expected = {"pan_acceleration": (2, *widths.answer)} | dict.fromkeys(
+        memory = (self.manifest.layers, 2, self.manifest.units)
+        expected = {"pan_acceleration": (2, CHUNK, 3)} | dict.fromkeys(
             (*ENCODER_OUTPUTS, "hidden_out", "cell_out"), memory
         )
         given = zip((*ENCODER_OUTPUTS, *DECODER_STEP_OUTPUTS), (*state, acceleration, *after), strict=True)
@@ -180,22 +175,6 @@ def _read(path: Path) -> bytes:
     if path.exists() and not path.is_file():
         raise InputError("cannot be read: is no file")
     return read_bytes(path)
-
-
-class Widths(NamedTuple):
-    """Of a command's chunk, W, of an observation, V, and the shape of an answer, (C, D)."""
-
-    command: int
-    observation: int
-    answer: tuple[int, int]
-
-
-def widths_of(manifest: Manifest) -> Widths:
-    """Return how wide what the graphs take and give is."""
-    network = manifest.network
-    if isinstance(network, OnePan):
-        return Widths(4 * network.chunk, (8 + 4 * network.command_ahead) * network.chunk, (network.chunk, 2))
-    return Widths(READ, OBSERVED, (network.chunk, 3))
 
 
 def _session(model: bytes, source: str) -> Any:
@@ -232,9 +211,9 @@ def _check_inputs_and_outputs(session: Any, name: str, manifest: Manifest, sourc
     expected: dict[str, tuple[int | str, ...]]
     outputs: tuple[str, ...]
     if name == ENCODER:
-        expected, outputs = {"command": ("batch", "chunks", widths_of(manifest).command)}, ENCODER_OUTPUTS
+        expected, outputs = {"command": ("batch", "chunks", READ)}, ENCODER_OUTPUTS
     else:
-        expected = {"observation": ("batch", widths_of(manifest).observation), "hidden": memory, "cell": memory}
+        expected = {"observation": ("batch", OBSERVED), "hidden": memory, "cell": memory}
         outputs = DECODER_STEP_OUTPUTS
     given = {tensor.name: tensor for tensor in session.get_inputs()}
     given_outputs = {tensor.name for tensor in session.get_outputs()}

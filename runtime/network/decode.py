@@ -10,15 +10,14 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle
 from runtime.network.job import Job
-from runtime.network.one_pan import Window
-from runtime.network.reader import group_of, read
+from runtime.network.reader import Reader, group_of
 from runtime.physics.law import slide
 from runtime.physics.motion import Motion
 from runtime.safety.governor import govern
 from runtime.safety.pan import Pan
 
 
-def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) -> tuple[Motion, list[Pan]]:
+def decode(bundle: Bundle, jobs: Sequence[Job]) -> tuple[Motion, list[Pan]]:
     """Decode B commands of one group (`group_of`), of n chunks, into the motions of their nC samples.
 
     The encoder reads a window of the commands, all of it unless they are long. Then, chunk by chunk, the decoder
@@ -42,7 +41,7 @@ def decode(bundle: Bundle, jobs: Sequence[Job], window: Window | None = None) ->
     accelerations: list[FloatArray] = []
     askeds: list[FloatArray] = []
     pan_states, slidings = [pan], [sliding]
-    reader = read(bundle, jobs, window=window)
+    reader = Reader.at(bundle, jobs)
     pan, sliding = (np.repeat(state, reader.chunk, axis=1) for state in (pan, sliding))  # it has been there
 
     while reader.now < samples:
@@ -67,7 +66,7 @@ def decode_all(bundle: Bundle, jobs: Sequence[Job]) -> list[tuple[Motion, Pan]]:
     """
     groups: dict[Hashable, list[int]] = defaultdict(list)
     for index, job in enumerate(jobs):
-        groups[group_of(bundle.manifest, job)].append(index)
+        groups[group_of(job)].append(index)
     found: dict[int, tuple[Motion, Pan]] = {}
     for indices in groups.values():
         motions, pans = decode(bundle, [jobs[index] for index in indices])

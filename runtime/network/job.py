@@ -21,7 +21,7 @@ class Job(NamedTuple):
         limits: of the pan's motion.
         start: where pan and object are.
         sizes: of pan and object.
-        reach_used: share of its reach that a network for every pan is told. With less it plans shorter, finer motions.
+        reach_used: share of the reach that the network is told. With less it plans shorter, finer motions.
     """
 
     command: Command

@@ -19,11 +19,8 @@ from runtime.sizes import Sizes
 
 BUNDLE_FORMAT = "slide-bundle/2"
 
-FIRST_FORMAT = "slide-bundle/1"
-"""The format before, of networks for one pan only, whose constants stood beside the others; it is read too."""
-
-ONE_PAN, GENERAL = "one-pan", "general"
-"""Kinds of networks: in SI for one pan, and in the law's units for every pan."""
+HOW_TO_EXPORT = "train a network with  slide-train default  and export it with  slide-export RUN -o BUNDLE"
+"""What makes a bundle of this format; those of slide-bundle/1 know one pan, and cannot be converted."""
 
 MANIFEST_FILE = "manifest.json"
 
@@ -33,43 +30,28 @@ ENCODER = "encoder"
 DECODER_STEP = "decoder_step"
 
 TRAINED_ON = {
-    ONE_PAN: {
-        "static": "",
-        "kinetic": "",
-        "reach": "m",
-        "speed": "m/s",
-        "samples": "",
-        "start_speed": "m/s",
-        "corner": "m/s",
-    },
-    GENERAL: {
-        "static": "",
-        "kinetic": "",
-        "push": "of the acceleration limit",
-        "pan_reach": "m",
-        "height": "m",
-        "pan_speed": "m/s",
-        "acceleration": "m/s^2",
-        "jerk": "m/s^3",
-        "reach": "of the pan's",
-        "speed": "m/s of the network's",
-        "start_speed": "m/s of the network's",
-        "corner": "m/s of the network's",
-        "samples": "of the network's time",
-    },
+    "static": "",
+    "kinetic": "",
+    "push": "of the acceleration limit",
+    "pan_reach": "m",
+    "height": "m",
+    "pan_speed": "m/s",
+    "acceleration": "m/s^2",
+    "jerk": "m/s^3",
+    "reach": "of the pan's",
+    "speed": "m/s of the network's",
+    "start_speed": "m/s of the network's",
+    "corner": "m/s of the network's",
+    "samples": "of the network's time",
 }
-"""What the manifest gives the range of, and the unit, by the kind of network.
+"""What the manifest gives the range of, and the unit.
 
-Of one for one pan: coefficients of friction; of the command the distance from its first position, the speed, the number
-of samples and the sharpest corner, as a change of velocity; the speed of the pan at the start. Of one for every pan,
-besides: the share of its acceleration that the pan takes to break the object away, and the limits; what is of the
-command in the network's units.
+Coefficients of friction, and the share of its acceleration that the pan takes to break the object away; the limits; in
+the network's units, of the command the distance from its first position, the speed, the sharpest corner, as a change of
+velocity, and the number of samples, and the speed of the pan at the start.
 """
 
-USUAL_RANGES = {"start_speed": (0.0, 1.0), "corner": (0.0, 1.2)}
-"""Ranges where a manifest does not say: what a network is taken through in mid-course, and still follows."""
-
-LARGEST = {"chunk": 10_000, "layers": 16, "units": 8192, "command_ahead": 100}
+LARGEST = {"layers": 16, "units": 8192}
 """Largest of each number in a manifest that memory is allocated by."""
 
 DEFAULT_LIMITS = Limits()
@@ -93,27 +75,6 @@ class GraphFile(NamedTuple):
 
 
 @dataclass(frozen=True)
-class OnePan:
-    """A network in SI units for one pan.
-
-    Attributes:
-        chunk: samples in a chunk, C.
-        command_ahead: command chunks the decoder sees in each iteration.
-        acceleration_bound: bound on the pan acceleration inside the network (m/s^2); None if it has none.
-        pan_limit: largest distance of the pan from where it began that was trained for (m).
-    """
-
-    chunk: int
-    command_ahead: int
-    acceleration_bound: float | None
-    pan_limit: float
-
-
-Kind = OnePan | Constants
-"""What sets a network apart: its own numbers, or those that all networks for every pan have in common."""
-
-
-@dataclass(frozen=True)
 class Manifest:
     """What a bundle says of itself; the keys of manifest.json are these names, with `format` before them.
 
@@ -122,17 +83,15 @@ class Manifest:
         precision: "fp32" or "int8".
         opset: of the graphs' operators.
         graphs: file and hash of `encoder` and `decoder_step`.
-        network: which kind it is, with its constants; in the file `kind` stands before these.
+        network: its constants.
         dt: sampling interval (s).
         layers: LSTM layers in the encoder and in the decoder.
         units: LSTM units in a layer.
         friction: what plans are made for unless something else is said.
-        trained_on: lowest and highest value of each of TRAINED_ON in the training. Those of USUAL_RANGES may be absent
-            in the file.
+        trained_on: lowest and highest value of each of TRAINED_ON in the training.
         training: how the network was made; free-form.
         evaluation: figures; free-form.
-        limits: what plans keep to unless something else is said. May be absent in the file: then, of a network for one
-            pan, `pan_limit` and the acceleration bound, and the defaults of `Limits`.
+        limits: what plans keep to unless something else is said. May be absent in the file.
         sizes: of pan and object, unless something else is said. May be absent in the file.
     """
 
@@ -140,7 +99,7 @@ class Manifest:
     precision: str
     opset: int
     graphs: Mapping[str, GraphFile]
-    network: Kind
+    network: Constants
     dt: float
     layers: int
     units: int
@@ -150,22 +109,6 @@ class Manifest:
     evaluation: Mapping[str, Any]
     limits: Limits = DEFAULT_LIMITS
     sizes: Sizes = DEFAULT_SIZES
-
-    @property
-    def kind(self) -> str:
-        """The kind of network, ONE_PAN or GENERAL."""
-        return ONE_PAN if isinstance(self.network, OnePan) else GENERAL
-
-    @property
-    def one_pan(self) -> OnePan:
-        """The constants of a network for one pan.
-
-        Raises:
-            InputError: it is one for every pan.
-        """
-        if not isinstance(self.network, OnePan):
-            raise InputError(f"{self.name} is a network for every pan, and this works with networks for one pan")
-        return self.network
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document.
@@ -177,7 +120,7 @@ class Manifest:
             "format": BUNDLE_FORMAT,
             **vars(self),
             "graphs": {name: graph._asdict() for name, graph in self.graphs.items()},
-            "network": {"kind": self.kind, **asdict(self.network)},
+            "network": asdict(self.network),
             "friction": self.friction.to_dict(),
             "trained_on": {name: list(limits) for name, limits in self.trained_on.items()},
             "training": dict(self.training),
@@ -200,24 +143,15 @@ class Manifest:
             BundleError: another format version, a key missing or unknown, or a value that is not what it must be.
         """
         with bundle_errors(source):
+            check_format(document, BUNDLE_FORMAT, HOW_TO_EXPORT)
             optional = ("limits", "sizes")
             needed = [name for name in cls.__dataclass_fields__ if name not in optional]
-            if isinstance(document, Mapping) and document.get("format") == FIRST_FORMAT:
-                needed.remove("network")
-                parts = fields(document, "", ("format", *needed, *ONE_PAN_KEYS), optional)
-                network: Kind = _one_pan(parts, "")
-            else:
-                check_format(document, BUNDLE_FORMAT, "export it again with  slide-export RUN -o BUNDLE")
-                parts = fields(document, "", ("format", *needed), optional)
-                network = _network(parts["network"])
-            kind = ONE_PAN if isinstance(network, OnePan) else GENERAL
+            parts = fields(document, "", ("format", *needed), optional)
             precision = text(parts["precision"], "precision")
             if precision not in PRECISIONS:
                 raise InputError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
             graphs = fields(parts["graphs"], "graphs", (ENCODER, DECODER_STEP))
-            usual = USUAL_RANGES if kind == ONE_PAN else {}
-            always = tuple(name for name in TRAINED_ON[kind] if name not in usual)
-            trained_on = usual | dict(fields(parts["trained_on"], "trained_on", always, tuple(usual)))
+            trained_on = fields(parts["trained_on"], "trained_on", tuple(TRAINED_ON))
             for name in ("training", "evaluation"):
                 if not isinstance(parts[name], Mapping):
                     raise InputError(f"{name} must be an object, got {parts[name]!r}")
@@ -229,36 +163,22 @@ class Manifest:
                 precision=precision,
                 opset=_integer(parts["opset"], "opset", 1),
                 graphs={name: _graph_file(value, f"graphs.{name}") for name, value in graphs.items()},
-                network=network,
+                network=_network(parts["network"]),
                 dt=dt,
                 layers=_integer(parts["layers"], "layers", 1),
                 units=_integer(parts["units"], "units", 1),
                 friction=Friction.from_dict(parts["friction"]),
-                trained_on={name: _range(trained_on[name], f"trained_on.{name}") for name in TRAINED_ON[kind]},
+                trained_on={name: _range(trained_on[name], f"trained_on.{name}") for name in TRAINED_ON},
                 training=parts["training"],
                 evaluation=parts["evaluation"],
-                limits=Limits.from_dict(parts["limits"]) if "limits" in parts else default_limits(network),
+                limits=Limits.from_dict(parts["limits"]) if "limits" in parts else DEFAULT_LIMITS,
                 sizes=Sizes.from_dict(parts["sizes"]) if "sizes" in parts else DEFAULT_SIZES,
             )
 
 
-def default_limits(network: Kind) -> Limits:
-    """Return the limits of plans by a network of these constants."""
-    if not isinstance(network, OnePan):
-        return DEFAULT_LIMITS
-    if network.acceleration_bound is None:
-        return Limits(network.pan_limit)
-    return Limits(network.pan_limit, acceleration=network.acceleration_bound)
-
-
-def _network(value: object) -> Kind:
-    kind = value.get("kind") if isinstance(value, Mapping) else None
-    if kind == ONE_PAN:
-        return _one_pan(fields(value, "network", ("kind", *ONE_PAN_KEYS)), "network.")
+def _network(value: object) -> Constants:
     known = asdict(Constants())
-    if kind != GENERAL:
-        raise InputError(f"network.kind must be {ONE_PAN!r} or {GENERAL!r}, got {reprlib.repr(kind)}", "network.kind")
-    parts = fields(value, "network", ("kind", *known))
+    parts = fields(value, "network", tuple(known))
     for name, own in known.items():
         given = tuple(parts[name]) if isinstance(parts[name], list) else parts[name]
         if given != own or isinstance(given, bool):
@@ -269,19 +189,6 @@ def _network(value: object) -> Kind:
     return Constants()
 
 
-ONE_PAN_KEYS = tuple(OnePan.__dataclass_fields__)
-
-
-def _one_pan(parts: Mapping[str, Any], where: str) -> OnePan:
-    bound = parts["acceleration_bound"]
-    return OnePan(
-        _integer(parts["chunk"], f"{where}chunk", 1),
-        _integer(parts["command_ahead"], f"{where}command_ahead", 0),
-        None if bound is None else _positive(bound, f"{where}acceleration_bound"),
-        _positive(parts["pan_limit"], f"{where}pan_limit"),
-    )
-
-
 def _integer(value: object, key: str, smallest: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
         raise InputError(f"{key} must be a whole number of at least {smallest}, got {reprlib.repr(value)}")
@@ -289,13 +196,6 @@ def _integer(value: object, key: str, smallest: int) -> int:
     if most is not None and value > most:
         raise InputError(f"{key} must be at most {most}, got {reprlib.repr(value)}")
     return value
-
-
-def _positive(value: object, key: str) -> float:
-    result = number(value, key)
-    if result <= 0.0:
-        raise InputError(f"{key} must be greater than 0, got {result:g}")
-    return result
 
 
 def _range(value: object, key: str) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""How much of its reach a network for every pan is told: less for slow commands, which it then plans finer."""
+"""How much of a pan's reach the network is told: less for slow commands, which it then plans finer."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from runtime.network.general import units_of_one
 from runtime.network.job import Job
+from runtime.network.reader import units_of_one
 from runtime.physics.law import DT
 from runtime.physics.motion import lengths
 

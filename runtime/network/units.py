@@ -94,7 +94,7 @@ position relative to where the window begins, and the conditions."""
 
 @dataclass(frozen=True)
 class Constants:
-    """The numbers of this module, which a bundle's manifest repeats: all networks for every pan have them in common."""
+    """The numbers of this module, which a bundle's manifest repeats."""
 
     chunk: int = CHUNK
     encoder_chunk: int = ENCODER_CHUNK

@@ -15,7 +15,6 @@ from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle
 from runtime.network.decode import decode_all
 from runtime.network.job import Job
-from runtime.network.manifest import GENERAL
 from runtime.network.reach import shares_about
 from runtime.physics.law import slide_one
 from runtime.physics.motion import Motion
@@ -44,9 +43,8 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
         return decode_all(bundle, [job])[0]
     turns = [_turn(index, count) for index in range(count)]
     jobs = [job] + [_turned(job, turn) for turn in turns[1:]]
-    if bundle.manifest.kind == GENERAL:
-        shares = shares_about(job.reach_used)
-        jobs = [each._replace(reach_used=shares[index % len(shares)]) for index, each in enumerate(jobs)]
+    shares = shares_about(job.reach_used)
+    jobs = [each._replace(reach_used=shares[index % len(shares)]) for index, each in enumerate(jobs)]
     decoded = decode_all(bundle, jobs)
     first, ahead = decoded[0]
     samples, sliding = len(job.command), first.sliding[0]

@@ -183,9 +183,8 @@ class Follower:
         command, job, packed, axes = await self._read("stream", _data(await self._receive()))
         following = self._planner.stream(command, job.friction, limits=job.limits, start=job.start)
         self._chunk = following.chunk
-        bundle = self._planner.bundle_for(job.limits)
-        manifest = bundle.manifest
-        model = {"name": manifest.name, "sha256": bundle.sha256}
+        manifest = self._planner.bundle.manifest
+        model = {"name": manifest.name, "sha256": self._planner.bundle.sha256}
         opened = {
             "format": STREAM_FORMAT if axes == AXES else LEVEL_STREAM_FORMAT,
             "chunk": self._chunk,

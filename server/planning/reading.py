@@ -80,7 +80,7 @@ def plans(options: ReaderOptions, body: bytes) -> Steps:
 
 
 def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob:
-    chunks = -(-len(command) // chunk_samples(options.manifest, job.limits)) * (job.candidates or 1)
+    chunks = -(-len(command) // chunk_samples(job.limits)) * (job.candidates or 1)
     if chunks > options.max_chunks and job.candidates is not None:
         detail = f"{job.candidates} candidates have {chunks} chunks together, at most {options.max_chunks} are planned"
         raise InputError(detail, "candidates")

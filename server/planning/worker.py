@@ -180,9 +180,7 @@ def load_planner(options: PlannerOptions) -> Planner:
         BundleError: the bundle cannot be trusted, or the plans do not agree.
     """
     planner = Planner(options.model, sha256=options.sha256)
-    planner.bundle = timed = TimedBundle(**vars(planner.bundle))
-    if planner.general is not None:
-        planner.general = TimedBundle(**vars(planner.general), spent=timed.spent)
+    planner.bundle = TimedBundle(**vars(planner.bundle))
     if options.compile and options.at_once:
         compile_law()
     position = golden_move()

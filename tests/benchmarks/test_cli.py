@@ -18,7 +18,6 @@ from benchmarks.harness.tables import WIDTH, print_tables
 from benchmarks.sections.training import Variation
 from benchmarks.suite.families import FRICTION_GRID
 from runtime.errors import MissingExtraError
-from runtime.network.one_pan import Window
 
 SHORT: dict[str, dict[str, Any]] = {
     "accuracy": {"family": ("spline", "friction"), "commands": 2},
@@ -38,13 +37,12 @@ SHORT: dict[str, dict[str, Any]] = {
         "seconds": 3.6,
         "commands": 1,
         "short": 1,
-        "windows": (Window(unread=3), Window(5, 2)),
         "seeds": 1,
     },
     "training": {
         "configuration": "smoke",
-        "batch": 4,
-        "samples": 250,
+        "batch": 8,
+        "samples": 256,
         "rounds": 1,
         "projected": (Variation("smoke", {"units": 8}),),
         "projection_rounds": 1,
@@ -129,10 +127,12 @@ def test_refinement_makes_no_plan_worse(usual: Results) -> None:
     assert all(each.robust > 0.0 and each.nominal > 0.0 for each in refined.off.values())
 
 
-def test_windows_of_long_commands_differ(usual: Results) -> None:
+def test_long_commands_are_held_against_short_ones(usual: Results) -> None:
     endurance = usual.figures["long"]
-    assert [(each.chunks, each.unread) for each in endurance.windows] == [(None, 3), (5, 2)]
-    assert endurance.windows[0].families != endurance.windows[1].families
+    assert endurance.pieces.keys() == endurance.short.keys()
+    assert endurance.ratio == pytest.approx(
+        max(error / endurance.short[name] for name, error in endurance.pieces.items())
+    )
     assert 0.0 < endurance.memory_third < endurance.memory
     assert endurance.recovery.ratio > 0.0
 
@@ -140,9 +140,9 @@ def test_windows_of_long_commands_differ(usual: Results) -> None:
 def test_cost_of_a_training_is_that_of_all_its_steps(usual: Results) -> None:
     training = usual.figures["training"]
     assert 0.0 < training.friction_share < 1.0
-    assert (training.configuration, training.batch, training.samples) == ("smoke", 4, 200)
+    assert (training.configuration, training.batch, training.samples) == ("smoke", 8, 256)
     (projection,) = training.projections
-    assert (projection.units, projection.samples, projection.steps) == (8, 300, 20)
+    assert (projection.units, projection.samples, projection.steps) == (8, 384, 20)
     assert projection.epoch == pytest.approx(2 * projection.step)
     assert projection.duration == pytest.approx(20 * projection.step)
 

@@ -11,6 +11,7 @@ import yaml
 
 import runtime
 from runtime import Limits, Planner, Sizes
+from runtime.network.reader import chunk_samples
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -43,10 +44,9 @@ def test_limits_of_the_readme_are_the_default_ones() -> None:
 def test_what_the_network_knows_is_what_its_manifest_says() -> None:
     known = {name: [f"{bound:g}" for bound in bounds] for name, bounds in MANIFEST.trained_on.items()}
     sentence = flat(README)
-    assert f"paths of up to {known['reach'][1]} m" in sentence
-    assert f"speeds of up to {known['speed'][1]} m/s" in sentence
+    assert f"a reach from {known['pan_reach'][0]} to {known['pan_reach'][1]} m" in sentence
+    assert f"an acceleration from {known['acceleration'][0]} to {known['acceleration'][1]} m/s²" in sentence
     assert f"static friction from {known['static'][0]} to {known['static'][1]}" in sentence
-    assert f"kinetic friction from {known['kinetic'][0]} to {known['kinetic'][1]}" in sentence
 
 
 def test_figures_of_the_readme_are_those_of_the_results() -> None:
@@ -64,12 +64,12 @@ def test_figures_of_the_readme_are_those_of_the_results() -> None:
     assert on_arm.startswith(f"**{cells(table, '| on the simulated arm')[1]}**")
 
 
-def test_shipped_networks_are_described_as_they_are() -> None:
+def test_shipped_network_is_described_as_it_is() -> None:
     page = read("docs/guide/train.md")
     default = re.search(r"\| `default` \| (\d+) units", page)
     assert default is not None
     assert int(default[1]) == MANIFEST.units
-    assert f"chunks of C samples ({MANIFEST.one_pan.chunk} ms)" in flat(read("docs/architecture.md"))
+    assert f"chunks of C samples ({chunk_samples(Limits())} ms" in flat(read("docs/architecture.md"))
 
 
 def test_training_configurations_are_described_as_they_are() -> None:

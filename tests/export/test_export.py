@@ -14,20 +14,20 @@ from export.cli import export_main
 from export.float_graphs import decoder_step_graph, encoder_graph
 from export.integer_graphs import to_integers
 from export.quantize import QuantizationError, quantize_bundle
-from export.verify import VerificationError, compare, verify
-from export.write_bundle import bundle_folder, export_bundle, training_command
+from export.verify import VerificationError
+from export.write_bundle import bundle_folder, export_bundle
 from runtime import Planner
 from runtime.errors import FormatError, OutputError
-from runtime.limits import NO_LIMITS
 from runtime.network.bundle import Bundle
+from runtime.network.units import OBSERVED, READ, SEEN_ROWS
 from train.config import load_config
-from train.evaluation.evaluate import commands_of
+from train.learn.checkpoint import load_checkpoint
 from train.learn.trainer import Trainer
-from train.network.checkpoint import load_checkpoint, load_model
+from train.network.recipe import load_network
 
 OPERATORS = {
-    "Add", "Concat", "Div", "Gemm", "LSTM", "Mul", "ReduceSum", "Reshape", "Split", "Sqrt", "Squeeze", "Tanh",
-    "Transpose", "Unsqueeze",
+    "Abs", "Add", "Clip", "Concat", "Div", "Exp", "Gemm", "LSTM", "Log", "Mul", "Neg", "Relu", "Split", "Sqrt",
+    "Squeeze", "Sub", "Tanh", "Transpose", "Unsqueeze",
 }  # fmt: skip
 """All that a bundle's graphs are made of."""
 
@@ -38,80 +38,33 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     trainer = Trainer(load_config("smoke"), folder)
     with torch.no_grad():
-        trainer.evaluated_model().output.weight[:200] *= 20
+        trainer.evaluated_model().output.weight *= 20
     trainer.save()
     return folder
 
 
-def test_bundle_and_network_agree_and_the_object_slides(run, tmp_path):
-    exported = export_bundle(run, tmp_path / "bundle")
-    agreement = exported.agreement
-    assert agreement.commands == 16
-    assert agreement.acceleration <= 1e-3
-    assert agreement.position <= 1e-5
-    assert agreement.samples > 1000
-    plan = Planner(tmp_path / "bundle").plan(torch.zeros(500, 2).numpy(), limits=NO_LIMITS)
-    assert plan.quality.sliding_share > 0
-
-
-def test_manifest_says_how_the_bundle_was_made(run, tmp_path):
-    export_bundle(run, tmp_path / "bundle")
-    manifest = Bundle.load(tmp_path / "bundle").manifest
-    config = load_config("smoke")
-    assert (manifest.name, manifest.units, manifest.one_pan.chunk) == ("smoke", config.units, config.chunk)
-    assert manifest.training["configuration"] == config.model_dump(mode="json")
-    assert manifest.trained_on["static"] == config.static_range
-    assert set(manifest.evaluation) == {f"{name}_{what}" for name in config.families for what in ("tracking", "reach")}
-
-
-def test_manifest_says_what_the_training_began_with(run, tmp_path):
-    export_bundle(run, tmp_path / "bundle")
-    training = Bundle.load(tmp_path / "bundle").manifest.training
-    assert (training["command"], training["began_with"]) == ("slide-train smoke", None)
-    began_with = {"name": "base", "sha256": "0" * 64}
-    checkpoint = load_checkpoint(run) | {"began_with": began_with}
-    torch.save(checkpoint, tmp_path / "checkpoint.pt")
-    export_bundle(tmp_path / "checkpoint.pt", tmp_path / "bundle")
-    training = Bundle.load(tmp_path / "bundle").manifest.training
-    assert (training["command"], training["began_with"]) == ("slide-train smoke --init base", began_with)
-
-
-def test_training_command_leaves_open_what_the_checkpoint_does_not_know():
-    assert training_command(load_config("paper", model="B"), None) == "slide-train paper --model B"
-    assert training_command(load_config("default"), None) == "slide-train default --init RUN_OR_BUNDLE"
-
-
-@pytest.mark.parametrize("changes", [{"command_ahead": 0}, {"acceleration_bound": None}, {"layers": 1}, {"layers": 3}])
+@pytest.mark.parametrize("changes", [{"features": 24}, {"layers": 1}, {"layers": 3}])
 def test_other_architectures_export_alike(tmp_path, changes):
     config = load_config("smoke").model_copy(update=changes)
     trainer = Trainer(config, tmp_path / "run")
     trainer.save()
-    assert export_bundle(tmp_path / "run", tmp_path / "bundle").agreement.acceleration <= 1e-3
+    assert export_bundle(tmp_path / "run", tmp_path / "bundle").agreement.acceleration <= 1e-4
 
 
 def test_graphs_hold_standard_operators_and_no_outside_data(run):
-    _, model = load_model(load_checkpoint(run))
-    for data in (encoder_graph(model), decoder_step_graph(model)):
+    _, network = load_network(load_checkpoint(run))
+    for data in (encoder_graph(network), decoder_step_graph(network)):
         graph = onnx.load_from_string(data)
         assert {node.op_type for node in graph.graph.node} <= OPERATORS
-        assert [node.op_type for node in graph.graph.node].count("LSTM") == model.layers
+        assert [node.op_type for node in graph.graph.node].count("LSTM") == network.layers
         assert {opset.domain for opset in graph.opset_import} == {""}
         assert not any(weight.external_data for weight in graph.graph.initializer)
 
 
 def test_export_is_the_same_to_the_last_byte_each_time(run):
-    _, model = load_model(load_checkpoint(run))
-    assert encoder_graph(model) == encoder_graph(model)
-    assert decoder_step_graph(model) == decoder_step_graph(model)
-
-
-def test_bundle_that_differs_from_its_network_is_refused(run, tmp_path):
-    export_bundle(run, tmp_path / "bundle")
-    config, model = load_model(load_checkpoint(run))
-    with torch.no_grad():
-        model.output.bias[3] += 0.001  # 0.01 m/s^2 in one sample of each chunk
-    with pytest.raises(VerificationError, match="pan accelerations"):
-        verify(model, config, tmp_path / "bundle")
+    _, network = load_network(load_checkpoint(run))
+    assert encoder_graph(network) == encoder_graph(network)
+    assert decoder_step_graph(network) == decoder_step_graph(network)
 
 
 def test_refused_bundle_is_not_written(tmp_path):
@@ -123,17 +76,6 @@ def test_refused_bundle_is_not_written(tmp_path):
     with pytest.raises(VerificationError):
         write()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_comparison_stops_where_the_branches_part(run, tmp_path):
-    """A network of which one weight differs by rounding parts somewhere, and is compared only up to there."""
-    export_bundle(run, tmp_path / "bundle")
-    config, model = load_model(load_checkpoint(run))
-    with torch.no_grad():
-        model.output.bias[:200] += 1e-5
-    agreement = compare(model, config, tmp_path / "bundle")
-    assert 0 < agreement.acceleration < 1e-2
-    assert agreement.samples <= 16 * 1200
 
 
 def test_folder_that_is_no_bundle_is_left_alone(run, tmp_path):
@@ -175,28 +117,16 @@ def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_pat
     export_bundle(run, tmp_path / "fp32")
     quantized = quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
     assert quantized.comparison.growth < 0.05
-    assert quantized.comparison.commands == 112
+    assert quantized.comparison.commands == 336
     fp32, int8 = Planner(tmp_path / "fp32"), Planner(tmp_path / "int8")
     manifest = int8.bundle.manifest
     assert (manifest.precision, manifest.units) == ("int8", fp32.bundle.manifest.units)
     assert manifest.evaluation["int8_growth"] == pytest.approx(quantized.comparison.growth, abs=1e-4)
     assert sum(int8.bundle.sizes.values()) < 0.45 * sum(fp32.bundle.sizes.values())
     position = 0.05 * np.sin(np.arange(300) / 100.0)[:, None] * [1.0, 0.5]
-    asked = [planner.plan(position, limits=NO_LIMITS).pan_acceleration[:100] for planner in (fp32, int8)]
+    asked = [planner.plan(position).pan_acceleration[:58] for planner in (fp32, int8)]
     difference = asked[0] - asked[1]
     assert 0.0 < np.abs(difference).max() < 0.1 * np.abs(asked[0]).max()
-
-
-def test_shippedto_integers_shake_the_pan_no_more_than_the_floats_they_were_made_of():
-    """Rounding is another for each sample: with one digit in the last layer |du| grows by an eighth."""
-    positions = list(commands_of("spline_acceleration", 12))
-    changes = []
-    for name in ("fp32", "default"):
-        plans = Planner(name).plan_batch(positions)
-        changes.append(
-            np.mean([np.linalg.norm(np.diff(plan.pan_acceleration, axis=0), axis=1).mean() for plan in plans])
-        )
-    assert changes[1] < 1.05 * changes[0]
 
 
 def test_rounding_of_weights_does_not_show_where_a_time_series_is_smooth():
@@ -216,9 +146,9 @@ def test_int8_decoder_tells_apart_what_differs_by_half_a_millimetre(run, tmp_pat
     export_bundle(run, tmp_path / "fp32")
     quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
     fp32, int8 = (Planner(tmp_path / name).bundle for name in ("fp32", "int8"))
-    state = fp32.encode(np.zeros((1, 3, 400), dtype=np.float32))
-    observation = np.zeros((2, 1, 1600), dtype=np.float32)
-    observation[1, 0, np.arange(4, 800, 8)] = 5e-4  # the object's x
+    state = fp32.encode(np.zeros((1, 3, READ), dtype=np.float32))
+    observation = np.zeros((2, 1, OBSERVED), dtype=np.float32)
+    observation[1, 0, np.arange(6, 10 * len(SEEN_ROWS), 10)] = 5e-4  # the object's x
     told = [[bundle.decode_step(seen, state)[1].hidden[0] for seen in observation] for bundle in (fp32, int8)]
     wanted, found = (after - before for before, after in told)
     assert np.abs(found - wanted).max() < 0.1 * np.abs(wanted).max()
@@ -249,7 +179,7 @@ def test_int8_of_a_bundle_trained_on_nothing_that_moves_is_refused(run, tmp_path
 
 def test_int8_bundle_that_plans_worse_is_refused_and_not_written(run, tmp_path):
     export_bundle(run, tmp_path / "fp32")
-    with pytest.raises(QuantizationError, match=r"mean tracking RMSE grows by .* over 112 commands"):
+    with pytest.raises(QuantizationError, match=r"mean tracking RMSE grows by .* over 336 commands"):
         quantize_bundle(tmp_path / "fp32", tmp_path / "int8", max_growth=-1.0)
     assert [path.name for path in tmp_path.iterdir()] == ["fp32"]
 
@@ -264,7 +194,7 @@ def test_int8_bundle_is_no_source_of_another(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["fp32"], "models/fp32 is a bundle already: --precision int8"),
+        (["default"], "models/default is a bundle already: --precision int8"),
         (["default", "--precision", "int8"], "models/default is int8 already"),
         (["absent"], "absent: no such checkpoint"),
     ],

@@ -19,10 +19,19 @@ from onnx import TensorProto, helper, numpy_helper
 
 from runtime import Plan, Planner
 from runtime.network.bundle import Bundle, Float32Array, LstmState
-from runtime.network.units import CHUNK, OBSERVED, READ, Constants
+from runtime.network.units import CHUNK, CONDITIONS, OBSERVED, READ, Constants
 
 OPSET = 17
-SIZES = {"chunk": 100, "units": 8, "layers": 2, "command_ahead": 2}
+UNITS, LAYERS = 8, 2
+
+LIFT = OBSERVED - CONDITIONS
+"""Column of an observation that is 0 for a level pan."""
+
+TRAINED = {
+    "static": [0.05, 1.5], "kinetic": [0.02, 1.5], "push": [0.0, 0.88], "pan_reach": [0.02, 0.4], "height": [0.0, 0.2],
+    "pan_speed": [0.5, 3.0], "acceleration": [2.0, 40.0], "jerk": [500.0, 20_000.0], "reach": [0.0, 1.5],
+    "speed": [0.0, 1.1], "start_speed": [0.0, 1.0], "corner": [0.0, 1.2], "samples": [256, 1536],
+}  # fmt: skip
 
 
 class Graph:
@@ -68,141 +77,75 @@ class Graph:
         return data
 
 
-def normalized(graph: Graph, name: str, rows: int) -> str:
-    """Divide rows of (x, y, vx, vy) by 0.1 m and 0.5 m/s."""
-    scale = np.tile(np.array([10.0, 10.0, 2.0, 2.0], dtype=np.float32), rows)
-    return graph.node("Mul", [name, graph.constant("scale", scale)], ["normalized"])
-
-
-def encoder_bytes(chunk: int, units: int, layers: int, batch: int | str = "batch") -> bytes:
-    graph = Graph(seed=1)
-    x = graph.node("Transpose", [normalized(graph, "command", chunk)], ["x0"], perm=[1, 0, 2])
+def encoder_bytes(units: int = UNITS, layers: int = LAYERS, batch: int | str = "batch") -> bytes:
+    graph = Graph(seed=3)
+    x = graph.node("Transpose", ["command"], ["x0"], perm=[1, 0, 2])
     for layer in range(layers):
-        x = graph.lstm(x, 4 * chunk if layer == 0 else units, units, layer)
+        x = graph.lstm(x, READ if layer == 0 else units, units, layer)
     for name, letter in (("hidden", "h"), ("cell", "c")):
         graph.node("Concat", [f"{letter}{layer}" for layer in range(layers)], [name], axis=0)
     memory: list[int | str] = [layers, batch, units]
-    return graph.model({"command": [batch, "chunks", 4 * chunk]}, {"hidden": memory, "cell": memory})
+    return graph.model({"command": [batch, "chunks", READ]}, {"hidden": memory, "cell": memory})
 
 
 def decoder_step_bytes(
-    chunk: int, units: int, layers: int, command_ahead: int, observation: str = "observation", scale: float = 12.0
+    units: int = UNITS, layers: int = LAYERS, observation: str = "observation", scale: float = 7.0
 ) -> bytes:
-    graph = Graph(seed=2)
-    rows = (2 + command_ahead) * chunk
+    """Return a decoder whose accelerations are waves, so that a chunk leaves the pan where it was, in no bounds."""
+    graph = Graph(seed=4)
     graph.constant("zero", np.array([0]))
-    x = graph.node("Unsqueeze", [normalized(graph, observation, rows), "zero"], ["x0"])
+    x = graph.node("Unsqueeze", [observation, "zero"], ["x0"])
     for name, letter in (("hidden", "h"), ("cell", "c")):
         graph.node("Split", [name], [f"{letter}_{layer}" for layer in range(layers)], axis=0)
     for layer in range(layers):
-        start = (f"h_{layer}", f"c_{layer}")
-        x = graph.lstm(x, 4 * rows if layer == 0 else units, units, layer, start)
+        x = graph.lstm(x, OBSERVED if layer == 0 else units, units, layer, (f"h_{layer}", f"c_{layer}"))
     top = graph.node("Squeeze", [x, "zero"], ["top"])
-    raw = graph.node("MatMul", [top, graph.weight("out", units, 2 * chunk, scale=scale)], ["raw"])
-    graph.node("Reshape", [raw, graph.constant("pairs", np.array([-1, chunk, 2]))], ["pan_acceleration"])
+    waves = np.cos(2.0 * np.pi * np.arange(1, 4)[:, None] * (np.arange(CHUNK) + 0.5) / CHUNK)
+    sizes = scale * graph.random.standard_normal((units, 3, 3))
+    out = np.einsum("ukd,kt->utd", sizes, waves).reshape(units, -1)
+    raw = graph.node("MatMul", [top, graph.constant("out", out.astype(np.float32))], ["raw"])
+    waved = graph.node("Reshape", [raw, graph.constant("triples", np.array([-1, CHUNK, 3]))], ["waved"])
+    told = np.zeros((OBSERVED, 3), dtype=np.float32)
+    told[LIFT, 2] = 1.0
+    lift = graph.node("MatMul", [observation, graph.constant("told", told)], ["lift"])
+    lift = graph.node("Add", [lift, graph.constant("plane", np.array([1.0, 1.0, 0.0], dtype=np.float32))], ["axes"])
+    lift = graph.node("Unsqueeze", [lift, graph.constant("middle", np.array([1]))], ["each"])
+    graph.node("Mul", [waved, lift], ["pan_acceleration"])
     for name, letter in (("hidden_out", "h"), ("cell_out", "c")):
         graph.node("Concat", [f"{letter}{layer}" for layer in range(layers)], [name], axis=0)
     memory: list[int | str] = [layers, "batch", units]
     return graph.model(
-        {observation: ["batch", 4 * rows], "hidden": memory, "cell": memory},
-        {"pan_acceleration": ["batch", chunk, 2], "hidden_out": memory, "cell_out": memory},
+        {observation: ["batch", OBSERVED], "hidden": memory, "cell": memory},
+        {"pan_acceleration": ["batch", CHUNK, 3], "hidden_out": memory, "cell_out": memory},
     )
 
 
 def write_bundle(folder: Path, models: dict[str, bytes] | None = None, **changes: Any) -> Path:
     """Write a bundle; `models` replaces graph bytes (with fitting hashes), `changes` replaces manifest keys."""
-    sizes = dict(SIZES)
     folder.mkdir(parents=True, exist_ok=True)
-    data = {
-        "encoder": encoder_bytes(sizes["chunk"], sizes["units"], sizes["layers"]),
-        "decoder_step": decoder_step_bytes(**sizes),
-    } | (models or {})
+    data = {"encoder": encoder_bytes(), "decoder_step": decoder_step_bytes()} | (models or {})
     for name, model in data.items():
         (folder / f"{name}.onnx").write_bytes(model)
     manifest = {
-        "format": "slide-bundle/1",
+        "format": "slide-bundle/2",
         "name": "tiny",
         "precision": "fp32",
         "opset": OPSET,
         "graphs": {
             name: {"file": f"{name}.onnx", "sha256": hashlib.sha256(model).hexdigest()} for name, model in data.items()
         },
-        **sizes,
+        "network": asdict(Constants()),
+        "units": UNITS,
+        "layers": LAYERS,
         "dt": 0.001,
-        "acceleration_bound": None,
         "friction": {"static": 1.0, "kinetic": 0.5},
-        "pan_limit": 100.0,
-        "trained_on": {
-            "static": [0.5, 1.4],
-            "kinetic": [0.3, 0.7],
-            "reach": [0.0, 0.13],
-            "speed": [0.0, 0.7],
-            "samples": [1, 1500],
-        },
+        "trained_on": TRAINED,
         "training": {"seed": 0},
         "evaluation": {"tracking_rmse": 0.002},
     }
     manifest = {name: value for name, value in (manifest | changes).items() if value is not ...}
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     return folder
-
-
-def general_graphs(units: int = 8, layers: int = 2, scale: float = 8.0) -> dict[str, bytes]:
-    """Return the graphs of a network for every pan: accelerations in space, in no bounds."""
-    encoder = Graph(seed=3)
-    x = encoder.node("Transpose", ["command"], ["x0"], perm=[1, 0, 2])
-    for layer in range(layers):
-        x = encoder.lstm(x, READ if layer == 0 else units, units, layer)
-    for name, letter in (("hidden", "h"), ("cell", "c")):
-        encoder.node("Concat", [f"{letter}{layer}" for layer in range(layers)], [name], axis=0)
-    memory: list[int | str] = [layers, "batch", units]
-    step = Graph(seed=4)
-    step.constant("zero", np.array([0]))
-    x = step.node("Unsqueeze", ["observation", "zero"], ["x0"])
-    for name, letter in (("hidden", "h"), ("cell", "c")):
-        step.node("Split", [name], [f"{letter}_{layer}" for layer in range(layers)], axis=0)
-    for layer in range(layers):
-        x = step.lstm(x, OBSERVED if layer == 0 else units, units, layer, (f"h_{layer}", f"c_{layer}"))
-    top = step.node("Squeeze", [x, "zero"], ["top"])
-    raw = step.node("MatMul", [top, step.weight("out", units, 3 * CHUNK, scale=scale)], ["raw"])
-    step.node("Reshape", [raw, step.constant("triples", np.array([-1, CHUNK, 3]))], ["pan_acceleration"])
-    for name, letter in (("hidden_out", "h"), ("cell_out", "c")):
-        step.node("Concat", [f"{letter}{layer}" for layer in range(layers)], [name], axis=0)
-    return {
-        "encoder": encoder.model({"command": ["batch", "chunks", READ]}, {"hidden": memory, "cell": memory}),
-        "decoder_step": step.model(
-            {"observation": ["batch", OBSERVED], "hidden": memory, "cell": memory},
-            {"pan_acceleration": ["batch", CHUNK, 3], "hidden_out": memory, "cell_out": memory},
-        ),
-    }
-
-
-TRAINED = {
-    "static": [0.05, 1.5], "kinetic": [0.02, 1.5], "push": [0.0, 0.88], "pan_reach": [0.02, 0.4], "height": [0.0, 0.2],
-    "pan_speed": [0.5, 3.0], "acceleration": [2.0, 40.0], "jerk": [500.0, 20_000.0], "reach": [0.0, 1.5],
-    "speed": [0.0, 1.1], "start_speed": [0.0, 1.0], "corner": [0.0, 1.2], "samples": [256, 1536],
-}  # fmt: skip
-
-
-@pytest.fixture(scope="session")
-def general_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a tiny network for every pan."""
-    network = {"kind": "general", **asdict(Constants())}
-    old = dict.fromkeys(("chunk", "command_ahead", "acceleration_bound", "pan_limit"), ...)
-    return write_bundle(
-        tmp_path_factory.mktemp("bundles") / "every",
-        general_graphs(),
-        **old,
-        format="slide-bundle/2",
-        name="every",
-        network=network,
-        trained_on=TRAINED,
-    )
-
-
-@pytest.fixture(scope="session")
-def general_planner(general_path: Path) -> Planner:
-    return Planner(general_path)
 
 
 @pytest.fixture(scope="session")

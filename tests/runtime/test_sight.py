@@ -114,7 +114,9 @@ def test_camera_and_late_arm_are_as_good_as_perfect_sight(
     stream = shipped.stream(position, **told)  # type: ignore[arg-type]
     world = World(stream, Friction(0.5, 0.5), round(eyes.command_delay / DT))
     statuses = world.follow(eyes, 12)
-    assert set(statuses) == {StreamStatus.FOLLOWING}
+    # Until the first picture comes, and where one is lost, a chunk may pass without any.
+    assert set(statuses) <= {StreamStatus.FOLLOWING, StreamStatus.PREDICTED}
+    assert statuses.count(StreamStatus.PREDICTED) <= 2
     assert world.error(position) < bound
     world.check(Limits())
 
@@ -332,7 +334,7 @@ def _number(value: float | None) -> float:
         (lambda stream: stream.see_object([0.0, 0.0, 0.0]), r"position must be \(2,\) numbers, got float64 .* \(3,\)"),
         (lambda stream: stream.see_object("here"), "position must be .*got <U4"),
         (lambda stream: stream.see_object([0.0, 0.0], "old"), "age must be a number"),
-        (lambda stream: stream.see_object([0.0, 0.0], 0.0, 101), "executed must be a whole number from 0 to 100"),
+        (lambda stream: stream.see_object([0.0, 0.0], 0.0, 101), "executed must be a whole number from 0 to 58"),
         (lambda stream: stream.see_pan(np.zeros(5)), r"state must be \(4,\) or \(6,\) numbers"),
         (lambda stream: stream.see_pan(np.zeros(6), None), "age must be a number"),
         (lambda stream: stream.see_pan(np.zeros(6), 0.0, 1.5), "executed must be a whole number"),
@@ -372,28 +374,26 @@ def test_encoder_that_says_the_same_for_ever_is_braked_and_raises_nothing(shippe
     world.check(Limits())
 
 
-def test_push_makes_a_step_due_where_the_network_can_be_asked_early(shipped: Planner) -> None:
-    for planner, early in ((Planner("general"), True), (shipped, False)):
-        stream = planner.stream(loop())
-        world, due = World(stream, Friction()), False
-        for k in range(3 * stream.chunk + 40):
-            executed = k % stream.chunk or stream.chunk
-            if k == 3 * stream.chunk:
-                assert not due
-            stream.see_object(world.measured[-1].sliding[:2] + (0.02 if k > 3 * stream.chunk else 0.0), 0.0, executed)
-            stream.see_pan(world.measured[-1].pan, 0.0, executed)
-            due = due or stream.due
-            if k % stream.chunk == 0:
-                world.step()
-            world.tick()
-        assert due is early
-        if early:
-            assert stream.step(executed=40).shape == (stream.chunk, 3)
-            assert not stream.due
+def test_push_makes_a_step_due_before_the_chunk_has_ended(shipped: Planner) -> None:
+    stream = shipped.stream(loop())
+    world, due = World(stream, Friction()), False
+    for k in range(3 * stream.chunk + 40):
+        executed = k % stream.chunk or stream.chunk
+        if k == 3 * stream.chunk:
+            assert not due
+        stream.see_object(world.measured[-1].sliding[:2] + (0.02 if k > 3 * stream.chunk else 0.0), 0.0, executed)
+        stream.see_pan(world.measured[-1].pan, 0.0, executed)
+        due = due or stream.due
+        if k % stream.chunk == 0:
+            world.step()
+        world.tick()
+    assert due
+    assert stream.step(executed=40).shape == (stream.chunk, 3)
+    assert not stream.due
 
 
-def test_lost_frames_are_bridged_for_a_fifth_of_a_second_however_short_the_chunks_are(general_planner: Planner) -> None:
-    stream = general_planner.stream(loop(), limits=Limits(0.05))
+def test_lost_frames_are_bridged_for_a_fifth_of_a_second_however_short_the_chunks_are(planner: Planner) -> None:
+    stream = planner.stream(loop(), limits=Limits(0.05))
     world, statuses = World(stream, Friction()), []
     assert stream.chunk < 100
     world.follow(Eyes(1000.0), 2)
@@ -407,8 +407,8 @@ def test_lost_frames_are_bridged_for_a_fifth_of_a_second_however_short_the_chunk
     assert world.now - begin == (chunks + 1) * stream.chunk
 
 
-def test_step_is_due_after_so_many_samples_if_that_is_asked_for(general_planner: Planner) -> None:
-    stream = general_planner.stream(loop(), every=20)
+def test_step_is_due_after_so_many_samples_if_that_is_asked_for(planner: Planner) -> None:
+    stream = planner.stream(loop(), every=20)
     stream.step()
     for executed, due in ((10, False), (19, False), (20, True), (25, True)):
         stream.see_pan(stream.pan(executed), executed=executed)
@@ -416,4 +416,4 @@ def test_step_is_due_after_so_many_samples_if_that_is_asked_for(general_planner:
     stream.step(executed=25)
     assert not stream.due
     with pytest.raises(InputError, match="every must be a whole number from 1 to"):
-        general_planner.stream(loop(), every=0)
+        planner.stream(loop(), every=0)

@@ -25,9 +25,9 @@ from .conftest import WatchedBundle
 Array = NDArray[np.float64]
 Curve = Callable[..., Array]
 
-LIMITS = Limits(0.05, acceleration=20.0, jerk=5000.0)
+LIMITS = Limits(0.1, acceleration=15.0, jerk=2000.0)
 TOLERANCE = 1e-9
-CHUNK = 100
+CHUNK = 58
 HAPPENINGS = ("seen", "noisy", "none", "nan", "late", "huge")
 
 
@@ -74,7 +74,7 @@ def plant(make_curve: Curve) -> Plant:
 
 
 def test_stream_fed_with_the_prediction_gives_the_plan(planner: Planner, make_curve: Curve) -> None:
-    position = make_curve(500)
+    position = make_curve(5 * CHUNK)
     plan = planner.plan(position, limits=LIMITS)
     assert plan.quality.governed is not None
     assert plan.quality.governed.samples > 0
@@ -85,9 +85,9 @@ def test_stream_fed_with_the_prediction_gives_the_plan(planner: Planner, make_cu
     np.testing.assert_array_equal(plant.u[CHUNK:], plan.pan_acceleration)
 
 
-@pytest.mark.parametrize("late", [0, 1, 40, 100])
+@pytest.mark.parametrize("late", [0, 1, 40, CHUNK])
 def test_last_state_even_late_is_enough_where_nothing_disturbs(planner: Planner, make_curve: Curve, late: int) -> None:
-    position = make_curve(500)
+    position = make_curve(5 * CHUNK)
     plan = planner.plan(position, limits=LIMITS)
     for rows in (slice(None), -1):
         stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
@@ -152,7 +152,7 @@ def test_what_is_missing_is_predicted_for_a_chunk_and_then_braked_until_reset(
 
 
 def test_every_other_chunk_unseen_is_the_plan_where_nothing_disturbs(planner: Planner, make_curve: Curve) -> None:
-    position = make_curve(800)
+    position = make_curve(8 * CHUNK)
     plan = planner.plan(position, limits=LIMITS)
     stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
     for n in range(8):
@@ -181,7 +181,7 @@ def test_pushed_pan_goes_no_farther_than_its_stop_needs_and_keeps_acceleration_a
 ) -> None:
     for _ in range(3):
         plant.move(stream.step(*plant.seen()))
-    plant.pan[-1] = [0.06, 0.0, 0.0, 0.3, 0.0, 0.0]
+    plant.pan[-1] = [0.12, 0.0, 0.0, 0.3, 0.0, 0.0]
     plant.move(stream.step(*plant.seen()))
     assert stream.status is StreamStatus.DOUBTING  # it may be a glitch
     x, _, _, vx, *_ = plant.pan[-1]
@@ -189,7 +189,7 @@ def test_pushed_pan_goes_no_farther_than_its_stop_needs_and_keeps_acceleration_a
     for n in range(6):
         plant.move(stream.step(*plant.seen()))
         assert (stream.status is StreamStatus.OUTSIDE) or n > 0
-    plant.check(Limits(x + vx * vx / 20.0 + abs(vx) * 0.01, acceleration=LIMITS.acceleration, jerk=LIMITS.jerk))
+    plant.check(Limits(x + vx * vx / 20.0 + abs(vx) * 0.02, acceleration=LIMITS.acceleration, jerk=LIMITS.jerk))
     assert plant.pan[before:, 0].min() > x - 2.0 * LIMITS.pan_reach  # nothing is won on the other side
 
 
@@ -220,13 +220,11 @@ def test_limits_hold_whatever_is_measured(
 
 
 @pytest.mark.parametrize("name", ["panda", "fr3"])
-def test_a_pan_that_lifts_keeps_its_limits_whatever_is_measured(
-    general_planner: Planner, make_curve: Curve, name: str
-) -> None:
+def test_a_pan_that_lifts_keeps_its_limits_whatever_is_measured(planner: Planner, make_curve: Curve, name: str) -> None:
     rng, limits, position = np.random.default_rng(3), Limits.named(name), make_curve(900)
     highest = 0.0
     for _ in range(6):
-        stream = general_planner.stream(position, Friction(0.4, 0.3), limits=limits)
+        stream = planner.stream(position, Friction(0.4, 0.3), limits=limits)
         chunk = stream.chunk
         pan, sliding, last = np.zeros((chunk, 6)), np.tile([*position[0], 0.0, 0.0], (chunk, 1)), np.zeros((1, 3))
         for _ in range(14):
@@ -246,7 +244,7 @@ def test_a_pan_that_lifts_keeps_its_limits_whatever_is_measured(
             assert np.abs(pan[:, 2]).max() <= limits.height + 0.03
             assert lengths(pan[:, 3:]).max() <= limits.speed + 0.2
             highest = max(highest, np.abs(pan[:, 2]).max())
-    assert highest > 1e-3
+    assert highest > 1e-4
     with pytest.raises(InputError, match=r"pan_state must be \(\d+, 6\) numbers"):
         stream.step(pan[:, IN_PLANE], sliding)
 
@@ -254,7 +252,7 @@ def test_a_pan_that_lifts_keeps_its_limits_whatever_is_measured(
 def test_brake_is_a_stop_from_any_sample(stream: Stream, plant: Plant) -> None:
     for n in range(4):
         plant.move(stream.step(*plant.seen()))
-        for sample in (0, 1, 37, 99, 100):
+        for sample in (0, 1, 37, CHUNK - 1, CHUNK):
             u = stream.brake(sample)
             stopping = Plant(Start(), np.zeros(2))
             given_ = len(plant.u) - CHUNK + sample
@@ -348,7 +346,7 @@ def test_past_the_end_the_pan_rests_within_a_second_and_nothing_is_commanded_any
 ) -> None:
     stream, plant = shipped.stream(position), Plant(Start(), position[0])
     chunks = -(-len(position) // CHUNK)
-    statuses = run(stream, plant, chunks + 600, noise)
+    statuses = run(stream, plant, chunks + 1040, noise)
     assert StreamStatus.RESTING not in statuses[:chunks]
     plant.check(replace(Limits(), pan_reach=0.2 + 20.0 * noise))
     rest = plant.u[CHUNK + len(position) + 1000 :]
@@ -417,10 +415,10 @@ def test_stream_at_rest_takes_another_command_and_another_start(shipped: Planner
     other = moved_to_rest(-0.04) + plant.sliding[-1, :2]
     stream.retarget(other)
     assert set(run(stream, plant, 8)) == {StreamStatus.FOLLOWING}
-    run(stream, plant, 15)
+    run(stream, plant, 40)
     assert math.dist(plant.sliding[-1, :2], other[-1]) < 0.01
     stream.reset(Start((0.02, 0.0), (0.3, 0.0)))
-    u = stream.step()
+    u = np.concatenate([stream.step() for _ in range(3)])
     assert stream.status is StreamStatus.RESTING  # there is nothing left of the command: it comes to rest from there
     np.testing.assert_allclose(integrate_pan(np.array([0.02, 0.0, 0.0, 0.3, 0.0, 0.0]), u)[-1, 3:], 0.0, atol=TOLERANCE)
 
@@ -455,11 +453,11 @@ def test_second_thread_is_refused(stream: Stream) -> None:
     ("bad", "message"),
     [
         (
-            np.zeros((99, 4)),
-            r"\(100, 4\).* numbers, the last states, or \(4,\).*, .* got float64 of the shape \(99, 4\)",
+            np.zeros((57, 4)),
+            r"\(58, 4\).* numbers, the last states, or \(4,\).*, .* got float64 of the shape \(57, 4\)",
         ),
         (np.zeros(3), r"got float64 of the shape \(3,\)"),
-        (np.full((100, 4), "a"), "got <U1"),
+        (np.full((CHUNK, 4), "a"), "got <U1"),
         ([[0.0], [0.0, 0.0]], "inhomogeneous"),
     ],
 )
@@ -472,7 +470,7 @@ def test_state_of_another_shape_is_an_input_error_and_changes_nothing(planner: P
         stream.step(rest, bad)
     with pytest.raises(InputError, match="age must be a number"):
         stream.step(rest, rest, "now")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="whole number from 0 to 100, got 101"):
+    with pytest.raises(InputError, match="whole number from 0 to 58, got 101"):
         stream.brake(101)
     np.testing.assert_array_equal(stream.step(rest, rest), untouched.step(rest, rest))
 

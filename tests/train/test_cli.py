@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
     done = call("slide-train", "smoke", "--device", "cpu", folder=folder)
     assert done.returncode == 0, done.stderr
     assert "slide-export runs/smoke" in done.stdout
-    assert "epoch 10, stage 5" in done.stderr
+    assert "epoch 10, stage 4" in done.stderr
     return folder
 
 
@@ -55,14 +55,9 @@ def test_finished_run_resumes_to_the_same_answer(folder):
         (["smoke", "--resume", "runs/absent"], "no such checkpoint"),
         (["smoke", "--seed", "7", "--resume", "runs/smoke"], "seed: 0 -> 7"),
         (["smoke", "--device", "cuda", "--run", "x"], "--device cpu"),
-        (["default", "--run", "x"], "--init runs/base"),
-        (["paper", "--run", "x", "--init", "runs/smoke"], "decoder_lstm.weight_ih_l0 is of shape (64, 1600)"),
-        (
-            ["smoke", "--run", "x", "--init", "fp32"],
-            "models/fp32: its encoder_lstm.weight_ih_l0 is of shape",
-        ),
-        (["default", "--run", "x", "--init", "default"], "models/default: it is int8; begin with an fp32 one"),
-        (["default", "--model", "B"], "model: B is trained from scratch"),
+        (["paper", "--run", "x", "--init", "runs/smoke"], "its decoder_lstm.bias_hh_l0 is of shape (64,)"),
+        (["default", "--run", "x", "--init", "default"], "models/default: it has no model.safetensors"),
+        (["default", "--model", "B"], "model: Extra inputs are not permitted"),
         (["smoke", "--resume", "runs/smoke", "--init", "runs/smoke"], "give one of them"),
     ],
 )
@@ -78,11 +73,12 @@ def test_evaluation_reproduces_the_papers_figures(folder):
     done = call("slide-eval", "runs/smoke", "B=runs/smoke", "--reproduce", "docs", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     tables = json.loads(done.stdout)
+    assert set(tables) == {"smoke", "smoke, lifting", "B", "B, lifting"}
     assert tables["smoke"] == tables["B"]
     row = tables["smoke"]["moves"]
     assert 0 < row["rmse_median"] <= row["rmse_worst"]
     document = (folder / "docs" / "reproduction.md").read_text()
-    assert "| B | model A, 160 trajectories; no limits |" in document
+    assert "| B | 320 trajectories; acceleration, jerk and speed held |" in document
     for picture in ("reproduction-trajectories.png", "reproduction-friction.png"):
         assert picture in document
         assert (folder / "docs" / picture).read_bytes().startswith(b"\x89PNG")
@@ -95,7 +91,7 @@ def test_two_models_of_one_name_are_refused(folder):
 
 
 def test_shipped_bundles_go_by_their_names():
-    assert name_and_path("fp32") == ("", SHIPPED / "fp32")
+    assert name_and_path("default") == ("", SHIPPED / "default")
     assert name_and_path("best=default") == ("best", SHIPPED / "default")
     assert name_and_path("runs/a=b") == ("", Path("runs/a=b"))
 
@@ -127,7 +123,7 @@ def test_missing_extra_is_one_line_that_says_what_to_install(folder, main, argum
 
 def test_interrupted_run_says_how_to_go_on(folder):
     program = Path(sys.executable).with_name("slide-train")
-    arguments = ["base", "--run", "interrupted", "--device", "cpu"]
+    arguments = ["default", "--run", "interrupted", "--device", "cpu"]
     # Python would not listen to SIGINT where a shell that started the tests in the background had it ignored.
     obey = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     with subprocess.Popen(

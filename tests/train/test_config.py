@@ -13,12 +13,12 @@ from train.config import CONFIGURATIONS, load_config
 
 
 def test_named_configurations_are_the_ones_promised():
-    assert {"default", "smoke", "paper"} <= set(CONFIGURATIONS)
+    assert set(CONFIGURATIONS) == {"default", "smoke", "paper"}
     paper = CONFIGURATIONS["paper"]
-    assert (paper.units, paper.layers, paper.chunk, paper.command_ahead) == (1024, 2, 100, 0)
-    assert (paper.epochs, paper.trajectories, paper.curriculum) == (50, 8192, "table-1")
+    assert (paper.units, paper.layers, paper.chunk) == (1024, 2, 100)
+    assert (paper.epochs, paper.trajectories, paper.batch) == (50, 8192, 64)
     assert (paper.alpha, paper.beta, paper.gamma, paper.pan_limit) == (1.0, 10.0, 1.0, 0.2)
-    assert (paper.tracking, paper.acceleration_bound) == ("likelihood", None)
+    assert (paper.learning_rate, paper.final_learning_rate, paper.optimizer) == (1e-3, 1e-3, "adam")
 
 
 @pytest.mark.parametrize(
@@ -30,13 +30,17 @@ def test_named_configurations_are_the_ones_promised():
         ("learning_rate", float("nan")),
         ("reach", [0.2, 0.1]),
         ("reach", [0.0, 0.1]),
-        ("samples", [50, 400]),
-        ("kinetic", 2.0),
+        ("samples", [100, 384]),
+        ("kinetic", [0.4, 1.2]),
+        ("acceleration", [40.0, 2.0]),
+        ("told", 1.5),
+        ("chunk", 100),
+        ("network", "general"),
+        ("batch", 20),
         ("families", {"zigzag": 1.0}),
         ("families", {"moves": 0.0}),
         ("batch", 100_000),
         ("precision", "float8"),
-        ("curriculum", "table-2"),
         ("average", 1.0),
     ],
 )
@@ -46,6 +50,14 @@ def test_bad_value_is_refused_by_name(tmp_path, key, value):
     path.write_text(json.dumps(values))
     with pytest.raises(InputError, match=key):
         load_config(str(path))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("samples", [50, 400]), ("kinetic", 2.0), ("model", "D"), ("reach", [0.2, 0.1]), ("told", 0.5)]
+)
+def test_bad_value_of_the_papers_network_is_refused_by_name(key, value):
+    with pytest.raises(InputError, match=key):
+        load_config("paper", **{key: value})
 
 
 def test_file_configuration_is_read_and_changed(tmp_path):

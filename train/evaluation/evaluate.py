@@ -13,20 +13,21 @@ from runtime import Friction, Plan, Planner
 from runtime.arm.run import Follower
 from runtime.errors import InputError
 from runtime.limits import Limits
-from runtime.network.manifest import GENERAL, MANIFEST_FILE, Manifest
+from runtime.network.manifest import MANIFEST_FILE, Manifest
 from runtime.network.units import CHUNK
 from runtime.physics.motion import in_space
 from runtime.physics.pan import IN_PLANE
-from train.batches.batches import Batch, make_batch
+from train.commands.batch import Batch, make_batch
 from train.commands.families import FAMILIES, FloatArray, free_commands
 from train.config import AnyConfig, read_config
-from train.general.config import GeneralConfig
-from train.general.real_time import PanLimits
-from train.general.real_time import follow as follow_commands
-from train.general.recipe import load_network
-from train.network.checkpoint import load_checkpoint, load_model
-from train.network.model import Seq2Seq
-from train.physics.closed_loop import decode
+from train.learn.checkpoint import load_checkpoint
+from train.network.real_time import PanLimits
+from train.network.real_time import follow as follow_commands
+from train.network.recipe import load_network
+from train.paper import recipe as paper
+from train.paper.closed_loop import decode
+from train.paper.config import PaperConfig
+from train.paper.network import PaperNetwork
 
 SEED = 11
 COMMANDS = 64
@@ -36,7 +37,7 @@ SPEED = 0.7
 NOMINAL = Friction()
 
 PANS = {"": 0.0, ", lifting": 0.1}
-"""What is added to the name of a network for every pan, and how far the pan lifts (m)."""
+"""What is added to a network's name, and how far the pan lifts (m)."""
 
 
 class Subject(NamedTuple):
@@ -72,7 +73,7 @@ class Row(NamedTuple):
 def load_subjects(source: Path, name: str = "") -> list[Subject]:
     """Return the network of a run's folder, a checkpoint file or a bundle's folder.
 
-    A network for every pan is two subjects: on a level pan, and on one that lifts by HEIGHT.
+    It is two subjects, on a level pan and on one that lifts; the paper's own, which moves level pans only, is one.
 
     Args:
         source: its path.
@@ -84,14 +85,11 @@ def load_subjects(source: Path, name: str = "") -> list[Subject]:
     name = name or (source.parent.name if source.is_file() else source.name)
     if (source / MANIFEST_FILE).exists():
         planner = Planner(source)
-        manifest = planner.bundle.manifest
-        if manifest.kind != GENERAL:
-            return [_of_bundle(planner, name, manifest.limits)]
         return [_of_bundle(planner, f"{name}{lifting}", Limits(height=height)) for lifting, height in PANS.items()]
     checkpoint = load_checkpoint(source)
-    if not isinstance(read_config(checkpoint["config"]), GeneralConfig):
-        return [_of_run(checkpoint, name)]
-    return [_of_general_run(checkpoint, f"{name}{lifting}", height) for lifting, height in PANS.items()]
+    if isinstance(read_config(checkpoint["config"]), PaperConfig):
+        return [_of_papers_run(checkpoint, name)]
+    return [_of_run(checkpoint, f"{name}{lifting}", height) for lifting, height in PANS.items()]
 
 
 def _of_bundle(planner: Planner, name: str, limits: Limits) -> Subject:
@@ -105,23 +103,23 @@ def _of_bundle(planner: Planner, name: str, limits: Limits) -> Subject:
     return Subject(name, plan, follow, chunk, f"{_origin_of(planner.bundle.manifest)}; limits in force")
 
 
-def _of_run(checkpoint: dict[str, Any], name: str) -> Subject:
-    config, model = load_model(checkpoint)
+def _of_papers_run(checkpoint: dict[str, Any], name: str) -> Subject:
+    config, network = paper.load_network(checkpoint)
 
     def plan(position: FloatArray, friction: Friction) -> list[Plan]:
         inputs = _held(position, config.chunk, friction)
         with torch.no_grad():
-            u = decode(model, inputs.command, inputs.static, inputs.kinetic).u.numpy()
+            u = decode(network, inputs.command, inputs.static, inputs.kinetic).u.numpy()
         samples = position.shape[1]
         return [
             Plan.of_accelerations(one[:samples], friction, name, each) for one, each in zip(u, position, strict=True)
         ]
 
-    origin = f"{_trained(config, checkpoint['epoch'], checkpoint.get('began_with'))}; no limits"
-    return Subject(name, plan, lambda position: NetworkStream(model, position), config.chunk, origin)
+    origin = f"{_trained(config, checkpoint['epoch'], checkpoint['began_with'])}; no limits"
+    return Subject(name, plan, lambda position: PaperStream(network, position), config.chunk, origin)
 
 
-def _of_general_run(checkpoint: dict[str, Any], name: str, height: float) -> Subject:
+def _of_run(checkpoint: dict[str, Any], name: str, height: float) -> Subject:
     config, network = load_network(checkpoint)
     limits = Limits()
     pan = PanLimits(limits.pan_reach, limits.acceleration, limits.jerk, height=height)
@@ -131,9 +129,9 @@ def _of_general_run(checkpoint: dict[str, Any], name: str, height: float) -> Sub
         return [Plan.of_accelerations(one, friction, name, each) for one, each in zip(u, position, strict=True)]
 
     def follow(_: FloatArray) -> Follower:
-        raise InputError(f"{name}: a network for every pan follows as a bundle: make one of it with  slide-export")
+        raise InputError(f"{name}: a network follows as a bundle: make one of it with  slide-export")
 
-    origin = f"{_trained(config, checkpoint['epoch'], None)}; acceleration, jerk and speed held"
+    origin = f"{_trained(config, checkpoint['epoch'], checkpoint['began_with'])}; acceleration, jerk and speed held"
     return Subject(name, plan, follow, CHUNK, origin)
 
 
@@ -141,17 +139,16 @@ def _origin_of(manifest: Manifest) -> str:
     """Say on how much a bundle's network was trained; its manifest may say so in another way, or not at all."""
     training = manifest.training
     try:
-        config = read_config(training["configuration"])
-        return _trained(config, training["epochs"], training.get("began_with"))
+        return _trained(read_config(training["configuration"]), training["epochs"], training["began_with"])
     except (KeyError, TypeError, ValueError):
         return "training unknown"
 
 
 def _trained(config: AnyConfig, epochs: int, began_with: Mapping[str, str] | None) -> str:
     """Say on how much a network was trained, and after what."""
+    model = f"model {config.model}, " if isinstance(config, PaperConfig) else ""
     after = f", after {began_with['name']}" if began_with else ""
-    model = "for every pan" if isinstance(config, GeneralConfig) else f"model {config.model}"
-    return f"{model}, {epochs * config.trajectories:,} trajectories{after}"
+    return f"{model}{epochs * config.trajectories:,} trajectories{after}"
 
 
 def _held(position: FloatArray, chunk: int, friction: Friction) -> Batch:
@@ -162,27 +159,25 @@ def _held(position: FloatArray, chunk: int, friction: Friction) -> Batch:
     return make_batch(held, np.full(batch, samples), None, friction.static * ones, friction.kinetic * ones)
 
 
-class NetworkStream:
-    """`runtime.Stream` for a network that is not exported.
+class PaperStream:
+    """`runtime.Stream` for the paper's own network.
 
     Args:
-        model: the network.
+        network: the network.
         position: (K, 2) where the object should be, from the origin (m).
     """
 
-    def __init__(self, model: Seq2Seq, position: FloatArray) -> None:
-        command = _held(position[None], model.chunk, NOMINAL).command
-        chunks = command.reshape(1, -1, 4 * model.chunk).float()
+    def __init__(self, network: PaperNetwork, position: FloatArray) -> None:
+        command = _held(position[None], network.chunk, NOMINAL).command
+        self._network = network
         with torch.no_grad():
-            self._state, self._decoder = model.encode(chunks), model.decoder(chunks)
-        self._iteration = 0
+            self._state = network.encode(command.reshape(1, -1, 4 * network.chunk))
 
     def step(self, pan_state: FloatArray, object_state: FloatArray) -> FloatArray:
         """Give the next chunk's accelerations; see `Follower`."""
         seen = torch.from_numpy(np.concatenate([pan_state[:, IN_PLANE], object_state], axis=1))[None]
         with torch.no_grad():
-            output, self._state = self._decoder.step(self._iteration, seen, self._state)
-        self._iteration += 1
+            output, self._state = self._network.step(seen, self._state)
         return in_space(output.acceleration[0].double().numpy())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from runtime.cli.console import MM, run, say
-from runtime.errors import OutputError, extra
+from runtime.errors import InputError, OutputError, extra
 from runtime.physics.law import DT
 
 NAME = "train.evaluation.pictures"
@@ -30,9 +30,12 @@ def main(
     """Draw some commands of each family that a configuration trains on, coloured by speed, with the family's share."""
     with extra("train"):
         from train.config import load_config
+        from train.network.config import TrainConfig
     with extra("report"):
         from matplotlib.figure import Figure
     settings = load_config(config)
+    if not isinstance(settings, TrainConfig):
+        raise InputError(f"configuration {config} has one family of commands only: there is nothing to compare")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         draw_families(Figure, settings).savefig(folder / PICTURE, dpi=110)
@@ -42,37 +45,26 @@ def main(
 
 
 def draw_families(figure_class: Any, config: Any) -> Any:
-    """Return a figure with a panel for each family of a `TrainConfig`, and one for the controlled slide."""
+    """Return a figure with a panel for each family of a `TrainConfig`."""
     from matplotlib.colors import Normalize
 
-    from train.commands.controlled_slide import physics_commands
     from train.commands.families import free_commands
 
     total = sum(config.families.values())
     panels = []
     for name, share in config.families.items():
         rng = np.random.default_rng(SEED)
-        commands = free_commands(rng, SHOWN, SAMPLES, {name: 1.0}, config.reach, config.speed, 1)
+        commands = free_commands(rng, SHOWN, SAMPLES, {name: 1.0}, config.reach, config.speed[1], 1)
         panels.append((f"{name}, {share / total:.0%}", commands.position))
-    slides = physics_commands(
-        np.random.default_rng(SEED),
-        SHOWN,
-        SAMPLES,
-        config.physics_knots,
-        config.physics_reach,
-        config.static,
-        config.kinetic,
-    )
-    panels.append(("controlled slide, stages 1 to 4", slides.position))
 
     rows = -(-len(panels) // COLUMNS)
     figure = figure_class(figsize=(2.9 * COLUMNS + 0.8, 3.1 * rows), layout="constrained")
     grid = np.reshape(figure.subplots(rows, COLUMNS, sharex=True, sharey=True), -1)
-    colours = Normalize(0.0, config.speed)
+    colours = Normalize(0.0, config.speed[1])
     for axes, (title, positions) in zip(grid, panels, strict=False):
         for position in positions:
             lines = axes.add_collection(_path(position, colours))
-        half = MM * 1.1 * max(config.reach[1], config.physics_reach[1])
+        half = MM * 1.1 * config.reach[1]
         axes.set(title=title, aspect="equal", xlim=(-half, half), ylim=(-half, half))
     for axes in grid[len(panels) :]:
         axes.set_axis_off()

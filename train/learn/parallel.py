@@ -77,3 +77,8 @@ def mean_over_processes(value: Tensor) -> Tensor:
     total = value.detach().clone()
     dist.all_reduce(total)
     return total / processes()
+
+
+def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
+    """Mean of (B, K) `values` over the samples that count; the mean of all processes' is that over the whole batch."""
+    return (values * mask).sum() / mean_over_processes(mask.sum())

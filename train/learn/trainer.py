@@ -18,10 +18,10 @@ from torch.utils.tensorboard import SummaryWriter
 
 from runtime.errors import InputError, OutputError, SlideError
 from train.config import AnyConfig
+from train.learn.checkpoint import CHECKPOINT, CHECKPOINT_FORMAT
 from train.learn.optimizer import Optimizer
 from train.learn.parallel import mean_over_processes, processes, rank, share
 from train.learn.recipe import Recipe
-from train.network.checkpoint import CHECKPOINT, CHECKPOINT_FORMAT
 from train.recipes import recipe_of
 from train.run_config import Precision
 
@@ -226,7 +226,7 @@ class Trainer:
         self.optimizer.load_state_dict(checkpoint["optimizer"])
         self.epoch, self.skipped = checkpoint["epoch"], checkpoint["skipped"]
         self.recent_skips = checkpoint["recent_skips"]
-        self.began_with = checkpoint.get("began_with")  # older checkpoints lack it
+        self.began_with = checkpoint["began_with"]
 
 
 def moving_average(decay: float) -> Callable[[Sequence[Tensor], Sequence[Tensor], Tensor | int], None]:

@@ -8,7 +8,6 @@ import pytest
 from runtime import Friction, FrictionEstimate, Planner, Start
 from runtime.command import Command
 from runtime.following.course import Course
-from runtime.network.general import GeneralReader
 from runtime.network.job import Job
 
 TOLD = Friction(1.0, 0.5)
@@ -20,13 +19,11 @@ def course_of(planner: Planner) -> Course:
     return Course.begin(planner.bundle, Job(Command(position), TOLD, planner.bundle.manifest.limits, Start()), 0)
 
 
-def test_network_for_every_pan_is_told_the_friction_that_was_found(general_planner: Planner) -> None:
-    course = course_of(general_planner)
+def test_network_is_told_the_friction_that_was_found(planner: Planner) -> None:
+    course = course_of(planner)
     found = course.told(FOUND)
     assert found.job.friction == FOUND.friction
     assert found.reader.now == course.reader.now
-    assert isinstance(course.reader, GeneralReader)
-    assert isinstance(found.reader, GeneralReader)
     assert not np.array_equal(found.reader.frame.conditions, course.reader.frame.conditions)
     assert found.told(FOUND) is found
 
@@ -39,11 +36,6 @@ def test_network_for_every_pan_is_told_the_friction_that_was_found(general_plann
     ],
     ids=["not ruled out", "as good as told"],
 )
-def test_what_was_told_holds_until_it_is_ruled_out(general_planner: Planner, found: FrictionEstimate) -> None:
-    course = course_of(general_planner)
-    assert course.told(found) is course
-
-
-def test_network_for_one_pan_cannot_be_told(planner: Planner) -> None:
+def test_what_was_told_holds_until_it_is_ruled_out(planner: Planner, found: FrictionEstimate) -> None:
     course = course_of(planner)
-    assert course.told(FOUND) is course
+    assert course.told(found) is course

@@ -1,4 +1,4 @@
-"""How much of its reach a network for every pan is told."""
+"""How much of a pan's reach the network is told."""
 
 from __future__ import annotations
 

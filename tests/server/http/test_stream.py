@@ -59,8 +59,7 @@ def test_remote_stream_gives_what_a_stream_in_the_process_gives(
     planner = Planner()
     own = planner.stream(position, friction, limits=Limits(jerk=8000.0))
     with RemoteStream(server.url, position, friction, limits=Limits(jerk=8000.0), packed=packed) as remote:
-        bundle = planner.bundle_for(Limits(jerk=8000.0))
-        assert remote.model == {"name": bundle.manifest.name, "sha256": bundle.sha256}
+        assert remote.model == {"name": planner.bundle.manifest.name, "sha256": planner.bundle.sha256}
         chunk = own.chunk
         assert remote.chunk == chunk
         pan, sliding = np.zeros((chunk, 6)), np.tile([*position[0], 0.0, 0.0], (chunk, 1))

@@ -1,4 +1,4 @@
-"""Models on the simulated arm, as `slide-eval --pybullet` runs them; and a network that is followed without export."""
+"""Models on the simulated arm, as `slide-eval --pybullet` runs them; and the paper's network in closed loop."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import torch
 
 from runtime.physics.pan import IN_PLANE
 from runtime.planner import DEFAULT_BUNDLE
-from train.batches.batches import make_batch
+from train.commands.batch import make_batch
 from train.commands.families import free_commands
-from train.evaluation.evaluate import NetworkStream, commands_of, load_subjects
-from train.network.model import Seq2Seq
-from train.physics.closed_loop import decode
+from train.evaluation.evaluate import PaperStream, commands_of, load_subjects
+from train.paper.closed_loop import decode
+from train.paper.network import PaperNetwork
 
 
 def test_stream_of_a_network_is_its_decoding():
     torch.manual_seed(0)
-    model = Seq2Seq(units=12, command_ahead=2, acceleration_bound=30.0)
+    model = PaperNetwork(units=12)
     command = free_commands(np.random.default_rng(0), 1, 400, {"moves": 1.0}, (0.03, 0.1), 0.7, 1).position
     batch = make_batch(command, np.array([400]), None, np.ones(1), 0.5 * np.ones(1))
     with torch.no_grad():
         motion = decode(model, batch.command, batch.static, batch.kinetic)
     states = np.concatenate([np.zeros((100, 8)), motion.states[0].numpy()])
-    stream = NetworkStream(model, command[0])
+    stream = PaperStream(model, command[0])
     for n in range(4):
         seen = states[100 * n : 100 * (n + 1)]
         pan = np.zeros((100, 6))

@@ -10,8 +10,8 @@ import torch
 from export.write_bundle import export_bundle
 from train.config import load_config
 from train.evaluation.evaluate import load_subjects
+from train.learn.checkpoint import load_checkpoint
 from train.learn.trainer import Trainer
-from train.network.checkpoint import load_checkpoint
 
 
 @pytest.fixture
@@ -27,11 +27,8 @@ def run(tmp_path):
 
 def test_run_and_bundle_say_what_they_were_trained_on(run):
     export_bundle(run, run.parent / "bundle")
-    assert load_subjects(run)[0].origin == "model A, 32 trajectories, after base; no limits"
-    assert (
-        load_subjects(run.parent / "bundle", "mine")[0].origin
-        == "model A, 32 trajectories, after base; limits in force"
-    )
+    assert load_subjects(run)[0].origin == "64 trajectories, after base; acceleration, jerk and speed held"
+    assert load_subjects(run.parent / "bundle", "mine")[0].origin == "64 trajectories, after base; limits in force"
 
 
 def test_bundle_that_does_not_say_how_it_was_trained_is_evaluated_all_the_same(run):

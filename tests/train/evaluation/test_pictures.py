@@ -28,7 +28,7 @@ def test_every_family_has_a_panel_of_different_commands_that_move():
     config = load_config("default")
     figure = draw_families(Figure, config)
     panels = {axes.get_title().split(",")[0]: axes for axes in figure.axes if axes.get_title()}
-    assert set(panels) == {*FAMILIES, "controlled slide"}
+    assert set(panels) == set(FAMILIES)
     for name, axes in panels.items():
         paths = [np.concatenate(lines.get_segments()) for lines in axes.collections]
         assert len(paths) == SHOWN, name
