@@ -1,22 +1,26 @@
-"""How well a stream follows by what cameras and encoders tell, in a world in which the law of friction holds."""
+"""How well a stream follows by what cameras and encoders tell: in the law's own world, or on a simulated arm."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
+from benchmarks.suite.false_reading import leaves
 from benchmarks.suite.families import lengths, spline
 from benchmarks.suite.world import LawArm
 from runtime.arm.eyes import Camera, Eyes, LateArm
-from runtime.arm.interface import Measured, PanCommand
+from runtime.arm.interface import Arm, Measured, PanCommand
+from runtime.arm.simulated import Simulated, Simulator
+from runtime.arm.simulation import SimulatedArm
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.limits import Limits
 from runtime.physics.law import DT
+from runtime.physics.pan import integrate_pan
 from runtime.planner import Planner
 from runtime.stream import Stream
 
@@ -32,8 +36,25 @@ LATER = 600
 PUSH_AT, PUSH = 620, 0.02
 """Sample at which an object is pushed, and how far (m)."""
 
+OBJECT_LATE = 50
+"""Samples that an object's states are late where the pan's are fresh."""
+
 FRICTIONS = (Friction(1.0, 0.5), Friction(0.6, 0.45), Friction(0.8, 0.4), Friction(0.5, 0.5), Friction(0.7, 0.6))
 """Those that are to be found."""
+
+
+class Place(StrEnum):
+    """Where commands are followed."""
+
+    LAW = "law"
+    PYBULLET = "pybullet"
+    MUJOCO = "mujoco"
+
+    def arm(self, true: Friction, push: FloatArray | None = None) -> Arm:
+        """Return an arm there; a simulator has one coefficient of friction, and nobody who pushes."""
+        if self is Place.LAW:
+            return LawArm(true, {} if push is None else {PUSH_AT: push})
+        return SimulatedArm(Simulated(friction=true.kinetic, simulator=Simulator(self.value)))
 
 
 @dataclass(frozen=True)
@@ -41,23 +62,40 @@ class Followed:
     """How some commands were followed.
 
     Attributes:
-        mean, worst: tracking RMSE of a command (m).
+        mean, median, p90, worst: tracking RMSE of a command (m).
         later: mean of it from LATER samples on (m).
         pan_reach: largest distance of the true pan from its centre (m).
     """
 
     mean: float
+    median: float
+    p90: float
     worst: float
     later: float
     pan_reach: float
 
+    @classmethod
+    def of(cls, runs: Sequence[Run]) -> Followed:
+        """Return how they were."""
+        rms, later = (np.array([np.sqrt(np.mean(run.error[first:] ** 2)) for run in runs]) for first in (0, LATER))
+        median, p90 = (float(each) for each in np.percentile(rms, (50, 90)))
+        reach = max(run.pan_reach for run in runs)
+        return cls(float(rms.mean()), median, p90, float(rms.max()), float(later.mean()), reach)
+
 
 @dataclass(frozen=True)
 class Pushed:
-    """Time (s) after a push of 20 mm until the mean error falls below twice what it is without one."""
+    """Time (s) after a push of 20 mm until the mean error falls below twice what it is without one.
 
-    states: float
+    Attributes:
+        positions: told positions every millisecond.
+        camera_30: 30 a second, 50 ms old.
+        median: of single commands, told positions every millisecond: until each one's error falls below that.
+    """
+
+    positions: float
     camera_30: float
+    median: float
 
 
 @dataclass(frozen=True)
@@ -66,12 +104,34 @@ class Found:
 
     Attributes:
         kinetic_median, kinetic_worst: relative error of the kinetic one.
-        static_share: share of the runs whose interval holds the static one.
+        kinetic_share, static_share: share of the runs whose interval holds the true one.
     """
 
     kinetic_median: float
     kinetic_worst: float
+    kinetic_share: float
     static_share: float
+
+
+@dataclass(frozen=True)
+class InLaw:
+    """What is measured in the law's world alone.
+
+    Attributes:
+        sticky: as camera_30, told 1.0/0.5 where 0.7/0.5 is true.
+        pushed: how soon a push is corrected.
+        found: how well friction is found.
+        outside: of streams with one false reading each, the number whose pan left its reach; `false` is theirs.
+        false: number of streams with one false reading each.
+        p99: 99th percentile of the time of a step with the frame and the encoders' state before it (s).
+    """
+
+    sticky: Followed
+    pushed: Pushed
+    found: Found
+    outside: int
+    false: int
+    p99: float
 
 
 @dataclass(frozen=True)
@@ -82,35 +142,38 @@ class Sight:
         states: told states every millisecond.
         camera_60, camera_30: positions alone, 60 a second and 20 ms old, 30 a second and 50 ms old.
         camera_30_noise: the latter with 1 mm of noise, and a tenth of the frames lost.
+        object_late: told states with every step, the object's 50 ms old, the pan's fresh.
         delay_5, delay_10, delay_20: 60 positions a second, and an arm that executes so many ms late, which is told.
         delay_found: 20 ms, which is not told.
-        slippery, sticky: as camera_30, told 1.0/0.5 where 0.4/0.4 and 0.7/0.5 are true.
-        pushed: how soon a push is corrected.
-        found: how well friction is found.
-        outside: of streams with one false pan reading, the number whose pan left its reach; `false` is theirs.
-        false: number of streams with one false reading each.
-        p99: 99th percentile of the time of a step with the frame and the encoders' state before it (s).
+        slippery: as camera_30, told 1.0/0.5 where 0.4/0.4 is true.
+        pan_reach: the largest of all of these (m).
+        law: what is measured in the law's world alone; None on a simulated arm.
     """
 
     states: Followed
     camera_60: Followed
     camera_30: Followed
     camera_30_noise: Followed
+    object_late: Followed
     delay_5: Followed
     delay_10: Followed
     delay_20: Followed
     delay_found: Followed
     slippery: Followed
-    sticky: Followed
-    pushed: Pushed
-    found: Found
-    outside: int
-    false: int
-    p99: float
+    pan_reach: float
+    law: InLaw | None
 
 
 class Run:
     """One command followed by a stream.
+
+    Args:
+        planner: what follows.
+        position: the command (K, 2) (m).
+        arm: what executes.
+        eyes: what sees; None to tell states with every step.
+        command_delay: as the stream is told it.
+        late: samples that the object's states are old, where there are no eyes.
 
     Attributes:
         error: (K,) distance between object and command (m).
@@ -123,141 +186,122 @@ class Run:
         self,
         planner: Planner,
         position: FloatArray,
-        eyes: Eyes | None,
-        true: Friction = TRUE,
+        arm: Arm,
+        eyes: Eyes | None = None,
         command_delay: float | None = 0.0,
-        push: FloatArray | None = None,
+        late: int = 0,
     ) -> None:
         noise = LEAST_NOISE if eyes is None else max(eyes.noise, LEAST_NOISE)
         self.stream = planner.stream(position, TOLD, command_delay=command_delay, noise=noise)
-        arm = LateArm(
-            LawArm(true, {} if push is None else {PUSH_AT: push}), 0.0 if eyes is None else eyes.command_delay
-        )
+        arm = LateArm(arm, 0.0 if eyes is None else eyes.command_delay)
         self.durations: list[float] = []
         measured = [arm.reset(position[0])]
         camera, chunk = None if eyes is None else Camera(eyes), self.stream.chunk
-        asked = -chunk
+        asked, told = -chunk, np.zeros(6)
         for k in range(len(position) - 1):
             begin, executed = time.perf_counter(), k - asked
-            told = _see(self.stream, camera, executed, measured)
+            if camera is not None:
+                _see(self.stream, camera, executed, measured)
             if executed == chunk or self.stream.due:
-                u, asked = self.stream.step(*told, executed=executed), k
+                pan, sliding = _states(measured, chunk, late) if camera is None else (None, None)
+                u, asked = self.stream.step(pan, sliding, executed=executed, object_age=late * DT), k
                 self.durations.append(time.perf_counter() - begin)
-            command = PanCommand(np.zeros(3), np.zeros(3), u[k - asked])
-            measured.append(arm.step(command))
+            now = u[k - asked]
+            measured.append(arm.step(PanCommand(told[:3], told[3:], now)))
+            told = integrate_pan(told, now[None])[0]
+        arm.close()
         self.error = lengths(np.array([each.sliding[:2] for each in measured]) - position)
         self.pan_reach = float(lengths(np.array([each.pan[:2] for each in measured])).max())
 
 
-def _see(
-    stream: Stream, camera: Camera | None, executed: int, measured: Sequence[Measured]
-) -> tuple[FloatArray | None, FloatArray | None]:
-    """Tell a stream what is seen after so many samples of its chunk; return what its step is told."""
-    chunk, k = stream.chunk, len(measured) - 1
-    if camera is not None:
-        for frame in camera.look(k, measured[-1]):
-            stream.see_object(frame.position, (k - frame.taken) * DT, executed)
-        stream.see_pan(measured[-1].pan, 0.0, executed)
-        return None, None
-    if executed < chunk or k < chunk:
-        return None, None
-    return np.array([each.pan for each in measured[-chunk:]]), np.array([each.sliding for each in measured[-chunk:]])
+def _see(stream: Stream, camera: Camera, executed: int, measured: Sequence[Measured]) -> None:
+    """Tell a stream what is seen after so many samples of its chunk."""
+    k = len(measured) - 1
+    for frame in camera.look(k, measured[-1]):
+        stream.see_object(frame.position, (k - frame.taken) * DT, executed)
+    stream.see_pan(measured[-1].pan, 0.0, executed)
 
 
-def measure_sight(planner: Planner, commands: int, false: int) -> Sight:
+def _states(measured: Sequence[Measured], chunk: int, late: int) -> tuple[FloatArray, FloatArray] | tuple[None, None]:
+    """Return what a step is told: the last states of the pan, and those of the object so many samples ago."""
+    seen = measured[: len(measured) - late][-chunk:]
+    if len(seen) < chunk:
+        return None, None
+    return np.array([each.pan for each in measured[-chunk:]]), np.array([each.sliding for each in seen])
+
+
+def measure_sight(planner: Planner, commands: int, false: int, place: Place = Place.LAW) -> Sight:
     """Measure, with the first commands of the family spline and so many false readings."""
     positions = spline().positions[:commands]
 
-    def runs(eyes: Eyes | None, true: Friction = TRUE, command_delay: float | None = 0.0) -> list[Run]:
-        seen = [None if eyes is None else _seeded(eyes, seed) for seed in range(len(positions))]
-        return [Run(planner, each, eye, true, command_delay) for each, eye in zip(positions, seen, strict=True)]
-
-    def followed(made: list[Run]) -> Followed:
-        rms = [float(np.sqrt(np.mean(run.error**2))) for run in made]
-        later = [float(np.sqrt(np.mean(run.error[LATER:] ** 2))) for run in made]
-        return Followed(float(np.mean(rms)), max(rms), float(np.mean(later)), max(run.pan_reach for run in made))
+    def runs(
+        eyes: Eyes | None = None, true: Friction = TRUE, command_delay: float | None = 0.0, late: int = 0
+    ) -> list[Run]:
+        seen = [None if eyes is None else replace(eyes, seed=seed) for seed in range(len(positions))]
+        return [
+            Run(planner, position, place.arm(true), each, command_delay, late)
+            for position, each in zip(positions, seen, strict=True)
+        ]
 
     slow = Eyes(camera_rate=30.0, latency=0.05)
-    states, slow_runs = runs(None), runs(slow)
-    delays = {late: followed(runs(Eyes(60.0, command_delay=late), command_delay=late)) for late in (0.005, 0.01, 0.02)}
-    durations = np.concatenate([run.durations[1:] for run in slow_runs])
-    return Sight(
-        states=followed(states),
-        camera_60=followed(runs(Eyes(60.0, 0.02))),
-        camera_30=followed(slow_runs),
-        camera_30_noise=followed(runs(Eyes(30.0, 0.05, 1e-3, 0.1))),
-        delay_5=delays[0.005],
-        delay_10=delays[0.01],
-        delay_20=delays[0.02],
-        delay_found=followed(runs(Eyes(60.0, command_delay=0.02), command_delay=None)),
-        slippery=followed(runs(slow, Friction(0.4, 0.4))),
-        sticky=followed(runs(slow, Friction(0.7, 0.5))),
-        pushed=Pushed(_recovery(planner, positions, None, states), _recovery(planner, positions, slow, slow_runs)),
-        found=_found(planner, positions),
-        outside=sum(_leaves_its_reach(planner, seed) for seed in range(false)),
-        false=false,
-        p99=float(np.percentile(durations, 99)),
+    slow_runs = runs(slow)
+    followed = {
+        "states": Followed.of(runs()),
+        "camera_60": Followed.of(runs(Eyes(60.0, 0.02))),
+        "camera_30": Followed.of(slow_runs),
+        "camera_30_noise": Followed.of(runs(Eyes(30.0, 0.05, 1e-3, 0.1))),
+        "object_late": Followed.of(runs(late=OBJECT_LATE)),
+        "delay_found": Followed.of(runs(Eyes(60.0, command_delay=0.02), command_delay=None)),
+        "slippery": Followed.of(runs(slow, Friction(0.4, 0.4))),
+    }
+    for late in (5, 10, 20):
+        eyes = Eyes(60.0, command_delay=late * DT)
+        followed[f"delay_{late}"] = Followed.of(runs(eyes, command_delay=eyes.command_delay))
+    law = None
+    if place is Place.LAW:
+        law = InLaw(
+            sticky=Followed.of(runs(slow, Friction(0.7, 0.5))),
+            pushed=_pushed(planner, positions, slow, slow_runs),
+            found=_found(planner, positions),
+            outside=sum(leaves(planner, seed) for seed in range(false)),
+            false=false,
+            p99=float(np.percentile(np.concatenate([run.durations[1:] for run in slow_runs]), 99)),
+        )
+    return Sight(**followed, pan_reach=max(each.pan_reach for each in followed.values()), law=law)
+
+
+def _pushed(planner: Planner, positions: Sequence[FloatArray], slow: Eyes, slow_runs: Sequence[Run]) -> Pushed:
+    fast = Eyes(1000.0)
+    nominal = np.mean([Run(planner, each, Place.LAW.arm(TRUE), fast).error for each in positions])
+    each = np.array([_after_push(planner, position, index, fast) for index, position in enumerate(positions)])
+    slowly = np.array([_after_push(planner, position, index, slow) for index, position in enumerate(positions)])
+    return Pushed(
+        positions=_back(each.mean(axis=0), nominal),
+        camera_30=_back(slowly.mean(axis=0), np.mean([run.error for run in slow_runs])),
+        median=float(np.median([_back(error, nominal) for error in each])),
     )
 
 
-def _seeded(eyes: Eyes, seed: int) -> Eyes:
-    return Eyes(**{**vars(eyes), "seed": seed})
+def _after_push(planner: Planner, position: FloatArray, index: int, eyes: Eyes) -> FloatArray:
+    """Return the errors (m) from the push on."""
+    angle = 2.4 * index
+    push = PUSH * np.array([math.cos(angle), math.sin(angle)])
+    return Run(planner, position, Place.LAW.arm(TRUE, push), eyes).error[PUSH_AT:]
 
 
-def _recovery(
-    planner: Planner, positions: Sequence[FloatArray], eyes: Eyes | None, undisturbed: Sequence[Run]
-) -> float:
-    errors = []
-    for index, position in enumerate(positions):
-        angle = 2.4 * index
-        push = PUSH * np.array([math.cos(angle), math.sin(angle)])
-        errors.append(Run(planner, position, eyes, push=push).error[PUSH_AT:])
-    nominal = np.mean([run.error for run in undisturbed])
-    over = np.mean(errors, axis=0) > 2.0 * nominal
+def _back(error: FloatArray, nominal: np.floating) -> float:
+    """Return when an error (m) falls below twice the nominal one (s)."""
+    over = error > 2.0 * nominal
     return float(over.argmin() if not over.all() else len(over)) * DT
 
 
 def _found(planner: Planner, positions: Sequence[FloatArray]) -> Found:
-    errors, held = [], []
+    errors, kinetic_held, static_held = [], [], []
     for index, position in enumerate(positions):
         true = FRICTIONS[index % len(FRICTIONS)]
-        friction, _, static = Run(planner, position, Eyes(100.0, 0.02, 1e-3, seed=index), true).stream.friction
+        run = Run(planner, position, Place.LAW.arm(true), Eyes(100.0, 0.02, 1e-3, seed=index))
+        friction, kinetic, static = run.stream.friction
         errors.append(abs(friction.kinetic / true.kinetic - 1.0))
-        held.append(static[0] <= true.static <= static[1])
-    return Found(float(np.median(errors)), max(errors), float(np.mean(held)))
-
-
-def _leaves_its_reach(planner: Planner, seed: int) -> bool:
-    """Whether a pan with encoders that tell three times a chunk, and once something false, leaves its reach."""
-    rng, limits = np.random.default_rng(seed), Limits(0.05)
-    position = spline().positions[seed % len(spline())][:400]
-    stream, arm = planner.stream(position, TOLD, limits=limits), LawArm(TOLD)
-    measured, chunk, farthest = arm.reset(position[0]), stream.chunk, 0.0
-    at, channel, size = int(rng.integers(1, 300)), int(rng.integers(0, 7)), 10.0 ** rng.uniform(-3.0, 3.0)
-    falsify: Callable[[FloatArray], tuple[FloatArray, float]] = _falsify(channel, size * rng.choice([-1.0, 1.0]))
-    for k in range(len(position) - 1):
-        executed = k % chunk or chunk
-        if k == at:
-            stream.see_pan(*falsify(measured.pan), executed)
-        elif k % (chunk // 3) == 0:
-            stream.see_pan(measured.pan, 0.0, executed)
-        if k % 20 == 0:
-            stream.see_object(measured.sliding[:2], 0.0, executed)
-        if k % chunk == 0:
-            u = stream.step()
-        measured = arm.step(PanCommand(np.zeros(3), np.zeros(3), u[k % chunk]))
-        farthest = max(farthest, math.hypot(*measured.pan[:2]))
-    return farthest > limits.pan_reach * (1.0 + 1e-9)
-
-
-def _falsify(channel: int, size: float) -> Callable[[FloatArray], tuple[FloatArray, float]]:
-    """Return what falsifies one of the six numbers of a pan state, or as the seventh its age."""
-
-    def falsify(pan: FloatArray) -> tuple[FloatArray, float]:
-        if channel == 6:
-            return pan, size
-        false = pan.copy()
-        false[channel] += size
-        return false, 0.0
-
-    return falsify
+        kinetic_held.append(kinetic[0] <= true.kinetic <= kinetic[1])
+        static_held.append(static[0] <= true.static <= static[1])
+    return Found(float(np.median(errors)), max(errors), float(np.mean(kinetic_held)), float(np.mean(static_held)))
