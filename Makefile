@@ -33,9 +33,10 @@ test-short: $(VENV)/short.stamp ## run the tests of planning, programs and arms,
 
 nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind, 10,000 stops, and what streams are told
 	SLIDE_SEQUENCES=100000 SLIDE_PLANS=10000 $(BIN)/python -m pytest tests/runtime/safety --durations 5 --timeout 14400
+	SLIDE_BROWSER_PLANS=200 $(BIN)/python -m pytest tests/browser --timeout 3600
 	SLIDE_STEPS=100000 SLIDE_FALSE_READINGS=10000 $(BIN)/python -m pytest tests/runtime/test_sight.py --timeout 14400
 
-check: $(VENV)/dev.stamp docs notebooks ## lint, formatting, types, the notebooks, and the documentation with its links
+check: $(VENV)/dev.stamp $(if $(shell command -v npm),site,docs) notebooks ## lint, formatting, types, the notebooks, and the site with its links
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -44,11 +45,15 @@ notebooks: $(VENV)/dev.stamp ## run the notebooks of examples/notebooks, and wri
 	NOTEBOOK_EPOCHS=1 $(BIN)/python -m nbconvert --log-level WARN --to notebook --execute --output-dir out/notebooks \
 	  examples/notebooks/*.ipynb
 
-docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-site: docs browser/node_modules ## the documentation and, in out/site/plan, the page that plans by itself, for any static host
-	cd browser && node build.mjs
+docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
+	$(MKDOCS)
+
+site: $(VENV)/dev.stamp browser/node_modules ## the documentation and, in out/site/plan, the page that plans by itself, for any static host
+	npm run --silent check --prefix browser
+	SITE_PLANS=1 $(MKDOCS)
+	node browser/build.mjs
 
 browser/node_modules: browser/package.json browser/package-lock.json
 	npm ci --prefix browser --no-audit --no-fund

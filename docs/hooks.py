@@ -3,12 +3,14 @@
 A line `<!-- program: slide-plan -->` becomes that program's --help, `<!-- schema: PlanRequest -->` the table of a
 request's names, `<!-- settings -->` that of the server's settings, `<!-- problems -->` that of its problem documents,
 `<!-- folders: runtime -->` that of a package's folders, `<!-- notebook: first_plan -->` a notebook of
-`examples/notebooks` with what it shows, and `<!-- gallery -->` the plans of `examples/gallery.py`.
+`examples/notebooks` with what it shows, `<!-- gallery -->` the plans of `examples/gallery.py`, `<!-- moving: eight -->`
+one of them at play, and `<!-- planner -->` a link to the page that plans by itself, where `make site` builds it.
 """
 
 from __future__ import annotations
 
 import ast
+import functools
 import importlib.util
 import json
 import os
@@ -33,6 +35,8 @@ WIDTH = 100
 PROGRAM = re.compile(r"^<!-- program: (slide-[a-z-]+) -->$", flags=re.MULTILINE)
 SCHEMA = re.compile(r"^<!-- schema: ([A-Za-z]+) -->$", flags=re.MULTILINE)
 GALLERY = "<!-- gallery -->"
+MOVING = re.compile(r"^<!-- moving: ([a-z_]+) -->$", flags=re.MULTILINE)
+PLANNER = "<!-- planner -->"
 NOTEBOOK = re.compile(r"^<!-- notebook: ([a-z_]+) -->$", flags=re.MULTILINE)
 FOLDERS = re.compile(r"^<!-- folders: ([a-z]+) -->$", flags=re.MULTILINE)
 
@@ -47,7 +51,10 @@ def on_config(config: Any) -> Any:
 def on_page_markdown(markdown: str, config: Any = None, **_: Any) -> str:
     """Replace the marks of one page."""
     if GALLERY in markdown:
-        markdown = markdown.replace(GALLERY, gallery(Path(config.site_dir) / "gallery"))
+        cards = "\n".join(each.card("gallery") for each in made(Path(config.site_dir)).values())
+        markdown = markdown.replace(GALLERY, f'<div class="gallery">\n{cards}\n</div>')
+    markdown = MOVING.sub(lambda found: made(Path(config.site_dir))[found[1]].picture, markdown)
+    markdown = markdown.replace(PLANNER, PLANNER_LINK if os.environ.get("SITE_PLANS") else "")
     markdown = PROGRAM.sub(lambda found: f"```text\n{help_of(found[1])}\n```", markdown)
     markdown = FOLDERS.sub(lambda found: folders_table(found[1]), markdown)
     markdown = NOTEBOOK.sub(lambda found: notebook_page(found[1]), markdown)
@@ -56,16 +63,19 @@ def on_page_markdown(markdown: str, config: Any = None, **_: Any) -> str:
     return markdown.replace("<!-- problems -->", problems_table())
 
 
-def gallery(folder: Path) -> str:
-    """Write the files of the gallery, and return its plans as HTML for a page beside the folder."""
+PLANNER_LINK = '<a class="md-button md-button--primary" href="plan/index.html">Plan your own, here</a>'
+
+
+@functools.cache
+def made(site: Path) -> dict[str, Any]:
+    """Write the files of the gallery into the site's folder, and return its plans by name."""
     spec = importlib.util.spec_from_file_location("slide_gallery", ROOT / "examples" / "gallery.py")
     if spec is None or spec.loader is None:
         raise RuntimeError("examples/gallery.py is missing")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # its dataclasses look for it there
     spec.loader.exec_module(module)
-    cards = "\n".join(made.card(folder.name) for made in module.make_gallery(folder))
-    return f'<div class="gallery">\n{cards}\n</div>'
+    return {each.entry.name: each for each in module.make_gallery(site / "gallery")}
 
 
 def programs() -> dict[str, str]:

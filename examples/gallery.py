@@ -183,6 +183,11 @@ class Made:
     entry: Entry
     plan: Plan
 
+    @property
+    def picture(self) -> str:
+        """The plan as an SVG that plays by itself."""
+        return moving_picture(self.plan)
+
     def card(self, files: str) -> str:
         """Return the moving picture, the figures and the commands that make the plan again, as HTML.
 
@@ -192,7 +197,7 @@ class Made:
         name, quality = self.entry.name, self.plan.quality
         repeat = f"slide-plan {name}.csv -o {name}.json\nslide-run {name}.json --report {name}.html"
         return (
-            f'<div class="gallery-card">{moving_picture(self.plan)}<p><b>{escape(self.entry.title)}</b>. '
+            f'<div class="gallery-card">{self.picture}<p><b>{escape(self.entry.title)}</b>. '
             f"{escape(self.entry.text)}</p>"
             f"<p>{len(self.plan) * self.plan.dt:.1f} s, tracking RMSE {quality.tracking_rmse * MM:.1f} mm, "
             f"{quality.status.replace('_', ' ')}. "

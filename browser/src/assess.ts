@@ -1,15 +1,16 @@
 /** What is to be said of a plan: the Python module `runtime.assess` has the rules. */
 
-import type { Planned } from "./decode.js";
+import type { Asked, Planned } from "./decode.js";
+import { distances, g, largest, lengths, rootMeanSquare, words } from "./figures.js";
 import { DT, type Friction, GRAVITY, slideAlong, slideToRest } from "./law.js";
+import type { Manifest } from "./network.js";
 import { LARGEST_SINK, type Limits } from "./stop.js";
+import { outside } from "./trained.js";
 
 export interface Sizes {
   readonly pan_radius: number;
   readonly object_radius: number;
 }
-
-type Ranges = Readonly<Record<string, readonly [number, number]>>;
 
 const ROUNDING = 1e-6;
 const CHANGED = 1e-3;
@@ -20,32 +21,21 @@ const POOR_RMSE = 0.01;
 const RIM_ROUNDING = 1e-9;
 const FRICTION_OFF = 0.1;
 const MOST_FRICTION = 10;
-const SPAN = 20;
 
 const UNITS: Readonly<Record<string, string>> = {
   pan_reach: "m", height: "m", speed: "m/s", acceleration: "m/s^2", jerk: "m/s^3",
 };
 
-/** Ranges where a manifest does not say. */
-const USUAL: Ranges = { start_speed: [0, 1], corner: [0, 1.2] };
-
-const RANGE_UNITS: Readonly<Record<string, string>> = { reach: " m", speed: " m/s", start_speed: " m/s", corner: " m/s" };
-
-/** A number in so many digits, as Python's `:.4g` has it. */
-export const g = (value: number, digits = 6): string => String(Number(value.toPrecision(digits)));
-
-const words = (name: string): string => name.replaceAll("_", " ");
-
 /** The quality of a plan, as its document has it. */
 export function assess(
-  planned: Planned, position: Float64Array, friction: Friction, limits: Limits, sizes: Sizes, trainedOn: Ranges,
+  manifest: Manifest, planned: Planned, position: Float64Array, { friction, limits, start }: Asked, sizes: Sizes,
 ): Record<string, unknown> {
   const samples = position.length / 2;
   const { u, pan, sliding } = planned;
   const object = Float64Array.from({ length: 2 * samples }, (_, n) => sliding[4 * (n >> 1) + (n & 1)]!);
   const errors = distances(object, position);
   const rmse = rootMeanSquare(errors);
-  const step = u.map((value, n) => value - (n < 3 ? 0 : u[n - 3]!));
+  const step = u.map((value, n) => value - (n < 3 ? start?.pan[6 + n] ?? 0 : u[n - 3]!));
   const along: Record<string, Float64Array> = {
     pan_reach: lengths(pan, 6, 0, 2, samples), height: lengths(pan, 6, 2, 1, samples),
     speed: lengths(pan, 6, 3, 3, samples), acceleration: lengths(u, 3, 0, 3, samples),
@@ -53,13 +43,14 @@ export function assess(
   };
   const most = Object.fromEntries(Object.entries(along).map(([name, values]) => [name, largest(values)]));
   const held: Record<string, number | null> = {
-    pan_reach: limits.reach, height: limits.height, speed: limits.speed === Infinity ? null : limits.speed,
+    pan_reach: limits.pan_reach, height: limits.height, speed: limits.speed === Infinity ? null : limits.speed,
     acceleration: limits.acceleration, jerk: limits.jerk,
   };
-  const changed = [...lengths(u.map((value, n) => value - planned.asked[n]!), 3, 0, 3, samples)].filter((each) => each > CHANGED);
+  const changes = lengths(u.map((value, n) => value - planned.asked[n]!), 3, 0, 3, samples);
+  const changed = [...changes].filter((each) => each > CHANGED);
   const mean = changed.length ? changed.reduce((sum, each) => sum + each, 0) / changed.length : 0;
   const strongest = changed.reduce((a, b) => Math.max(a, b), 0);
-  const still = rootMeanSquare(distances(object.map((_, n) => object[n & 1]!), position));
+  const still = rootMeanSquare(distances(onStillPan(sliding.slice(0, 4), samples, friction), position));
   const mark = position.slice(-2);
   const [x, y] = slideToRest(sliding.slice(-4), planned.stop, friction);
   const rest = Math.hypot(x - mark[0]!, y - mark[1]!);
@@ -73,11 +64,13 @@ export function assess(
   const notes: [string, string[]][] = [
     ["limit_exceeded", Object.entries(held).flatMap(([name, limit]) =>
       limit !== null && most[name]! > limit * (1 + ROUNDING)
-        ? [`${words(name)} ${g(most[name]!, 4)} ${UNITS[name]} exceeds the limit of ${g(limit)} ${UNITS[name]}`] : [])],
+        ? [`${words(name)} ${g(most[name]!, 4)} ${UNITS[name]} exceeds the limit of ${g(limit)} ${UNITS[name]}`] : [])
+      .concat(dropped(u))],
     ["off_pan", Object.entries(offPan).flatMap(([name, found]) => found
       ? [`${name === "command" ? "the command leaves the pan" : "the object would leave the pan"} at sample ` +
         `${found.first} (t = ${(found.first * DT).toFixed(3)} s), by ${g(found.farthest, 4)} m at most: an object of ` +
-        `radius ${g(sizes.object_radius)} m has ${g(room, 4)} m to each side in a pan of radius ${g(sizes.pan_radius)} m`] : [])],
+        `radius ${g(sizes.object_radius)} m has ${g(room, 4)} m to each side in a pan of radius ${g(sizes.pan_radius)} m` +
+          (found.first === 0 ? ". Is it relative to the pan's centre? If not: --origin first" : "")] : [])],
     ["cannot_slide", still > 0 ? cannotSlide(friction, limits) : []],
     ["poor", [
       ...(rmse > STILL_SHARE * still && rmse > STILL_FLOOR
@@ -85,7 +78,7 @@ export function assess(
         : []),
       ...(rmse > POOR_RMSE ? [`tracking RMSE ${g(rmse, 4)} m is above ${POOR_RMSE} m`] : []),
     ]],
-    ["beyond_training_range", beyond(position, friction, { ...USUAL, ...trainedOn })],
+    ["beyond_training_range", outside(manifest, position, friction, limits, start)],
     ["limited", many ? said : []],
     ["governed", many ? [] : said],
   ];
@@ -97,7 +90,8 @@ export function assess(
     speed_max: most.speed, acceleration_max: most.acceleration, jerk_max: most.jerk,
     sliding_share: lengths(sliding, 4, 2, 2, samples).filter((each) => each !== 0).length / samples,
     limits: held,
-    margins: Object.fromEntries(Object.entries(held).map(([name, limit]) => [name, limit === null ? null : limit - most[name]!])),
+    margins: Object.fromEntries(Object.entries(held).map(([name, limit]) =>
+      [name, limit === null ? null : limit - most[name]!])),
     worst: Object.fromEntries(Object.entries(along).map(([name, values]) => [name, values.indexOf(most[name]!)])),
     governed: { samples: changed.length, mean, largest: strongest },
     friction: null,
@@ -139,24 +133,18 @@ function cannotSlide(friction: Friction, limits: Limits): string[] {
     `${g(friction.static)} holds the object up to ${g(needed, 4)} m/s^2`];
 }
 
-function beyond(position: Float64Array, friction: Friction, trainedOn: Ranges): string[] {
-  const samples = position.length / 2;
-  const at = (k: number, axis: number): number => position[2 * Math.max(0, k - 2 * SPAN) + axis]!;
-  const velocity = new Float64Array(2 * (samples + SPAN));
-  for (let k = 0; k < samples + SPAN; k++) {
-    for (let axis = 0; axis < 2; axis++) velocity[2 * k + axis] = (at(k + SPAN, axis) - at(k, axis)) / (SPAN * DT);
-  }
-  const turns = Float64Array.from({ length: 2 * samples }, (_, n) => velocity[n + 2 * SPAN]! - velocity[n]!);
-  const found: Record<string, number> = {
-    static: friction.static, kinetic: friction.kinetic, samples, start_speed: 0,
-    reach: largest(distances(position, position.map((_, n) => position[n & 1]!))),
-    speed: largest(lengths(velocity, 2, 0, 2, samples + SPAN)), corner: largest(lengths(turns, 2, 0, 2, samples)),
-  };
-  return Object.entries(trainedOn).flatMap(([name, [low, high]]) => {
-    const value = found[name]!, unit = RANGE_UNITS[name] ?? "";
-    if ((low <= value && value <= high * (1 + 1e-9)) || (name === "samples" && value > high)) return [];
-    return [`${words(name)} ${g(value, 4)}${unit} is outside the range trained on, ${g(low)} to ${g(high)}${unit}`];
-  });
+function dropped(u: Float64Array): string[] {
+  const sink = -u.reduce((least, value, n) => (n % 3 === 2 ? Math.min(least, value) : least), Infinity);
+  if (sink <= LARGEST_SINK * (1 + ROUNDING)) return [];
+  return [`the pan accelerates downwards by ${g(sink, 4)} m/s^2, and the object keeps its hold up to ` +
+    `${g(LARGEST_SINK)} m/s^2`];
+}
+
+/** Where an object would be (K * 2) (m) if the pan never moved. */
+function onStillPan(start: Float64Array, samples: number, friction: Friction): Float64Array {
+  const states = slideAlong(start, new Float64Array(3 * (samples - 1)), friction);
+  return Float64Array.from({ length: 2 * samples }, (_, n) =>
+    n < 2 ? start[n]! : states[4 * ((n >> 1) - 1) + (n & 1)]!);
 }
 
 function overRim(position: Float64Array, room: number): { first: number; farthest: number } | null {
@@ -164,17 +152,3 @@ function overRim(position: Float64Array, room: number): { first: number; farthes
   const first = over.findIndex((each) => each > RIM_ROUNDING);
   return first < 0 ? null : { first, farthest: largest(over) };
 }
-
-const distances = (a: Float64Array, b: Float64Array): Float64Array =>
-  lengths(a.map((value, n) => value - b[n]!), 2, 0, 2, a.length / 2);
-
-/** Euclidean lengths of `axes` columns of rows of so many numbers. */
-function lengths(rows: Float64Array, width: number, first: number, axes: number, count: number): Float64Array {
-  return Float64Array.from({ length: count }, (_, k) =>
-    Math.hypot(...rows.subarray(width * k + first, width * k + first + axes)));
-}
-
-const largest = (values: Float64Array): number => values.reduce((a, b) => Math.max(a, b), -Infinity);
-
-const rootMeanSquare = (values: Float64Array): number =>
-  Math.sqrt(values.reduce((sum, each) => sum + each * each, 0) / values.length);

@@ -1,18 +1,25 @@
-/** The decode loop of a network for one pan; the Python modules `runtime.network.decode` and `one_pan` have its text. */
+/** The decode loop; the Python module `runtime.network.decode` has its text. */
 
-import { govern, type Pan, panAt } from "./governor.js";
+import { govern, type Pan, panAtStart } from "./governor.js";
 import { type Friction, slideAlong } from "./law.js";
+import type { Network } from "./network.js";
+import { Reading } from "./reading.js";
 import { type Motion, stopAfter } from "./rest.js";
-import type { Limits } from "./stop.js";
+import type { Limits, PanState } from "./stop.js";
+import { reachFor } from "./units.js";
 
-/** What a network's two graphs are, whatever runs them. */
-export interface Network<Memory> {
-  readonly chunk: number;
-  readonly commandAhead: number;
-  /** Samples of the longest command that it was trained on. */
-  readonly longest: number;
-  encode(command: Float32Array, chunks: number): Promise<Memory>;
-  decodeStep(observation: Float32Array, memory: Memory): Promise<{ u: Float32Array; memory: Memory }>;
+/** Where pan and object are before the first sample. */
+export interface Start {
+  readonly pan: PanState;
+  /** (4) position and velocity relative to the pan (m, m/s). */
+  readonly object: ArrayLike<number>;
+}
+
+export interface Asked {
+  readonly friction: Friction;
+  readonly limits: Limits;
+  /** At rest, the pan in the middle and the object on its mark, if absent. */
+  readonly start?: Start;
 }
 
 export interface Planned extends Motion {
@@ -20,98 +27,55 @@ export interface Planned extends Motion {
   readonly asked: Float64Array;
   /** (m * 3) what follows the last row (m/s^2). */
   readonly stop: Float64Array;
-  /** Root of the mean squared distance between object and command (m). */
-  readonly trackingRmse: number;
 }
 
-/** Chunks at the end of a window that are read and planned again with the next. */
-const UNREAD = 7;
+const AT_REST: PanState = new Array<number>(9).fill(0);
+
+export const startAt = ([x, y]: Float64Array): Start => ({ pan: AT_REST, object: [x!, y!, 0, 0] });
 
 /**
- * Plan one command from rest.
+ * Plan one command.
  *
  * @param position (K * 2) where the object should be, relative to the pan (m), at 1 kHz; K at least 2
+ * @throws Error where the pan cannot come to rest within its limits from the start
  */
-export async function plan<Memory extends object>(
-  network: Network<Memory>, position: Float64Array, friction: Friction, limits: Limits,
-): Promise<Planned> {
-  const { chunk, commandAhead } = network;
-  const samples = position.length / 2, chunks = Math.ceil(samples / chunk);
-  const velocity = gradient(position);
-  const most = Math.max(UNREAD + 1, Math.floor(network.longest / chunk));
-  const total = chunks * chunk;
-  const motion = {
-    u: new Float64Array(3 * total), asked: new Float64Array(3 * total), pan: new Float64Array(6 * (total + 1)), sliding: new Float64Array(4 * (total + 1)),
-  };
-  motion.sliding.set(position.slice(0, 2));
-  let pan: Pan = panAt(new Array<number>(9).fill(0), limits);
-  for (let first = 0; first < chunks; ) {
-    const seen = Math.min(chunks, first + most);
-    const last = seen === chunks ? chunks : seen - UNREAD;
-    const origin = position.slice(2 * Math.min(first * chunk, samples - 1), 2 * Math.min(first * chunk, samples - 1) + 2);
-    const ahead = rows(position, velocity, origin, first * chunk, (seen + commandAhead) * chunk);
-    let memory: Memory = await network.encode(ahead.slice(0, 4 * (seen - first) * chunk), seen - first);
-    for (let n = 0; n < last - first; n++) {
-      const now = (first + n) * chunk;
-      const observation = new Float32Array((8 + 4 * commandAhead) * chunk);
-      for (let k = 0; k < chunk; k++) {
-        const row = Math.max(0, now - chunk + 1 + k); // before the beginning it has been there
-        const p = motion.pan.subarray(6 * row), s = motion.sliding.subarray(4 * row);
-        observation.set([p[0]!, p[1]!, p[3]!, p[4]!], 8 * k);
-        observation.set([s[0]! - origin[0]!, s[1]! - origin[1]!, s[2]!, s[3]!], 8 * k + 4);
-      }
-      for (let m = 0; m < commandAhead; m++) {
-        const from = 4 * chunk * Math.min(n + m, seen - first + commandAhead - 1);
-        observation.set(ahead.subarray(from, from + 4 * chunk), (8 + 4 * m) * chunk);
-      }
-      const step = await network.decodeStep(observation, memory);
-      memory = step.memory;
-      const asked = new Float64Array(3 * chunk);
-      for (let k = 0; k < chunk; k++) asked.set([step.u[2 * k]!, step.u[2 * k + 1]!], 3 * k);
-      if (!asked.every(Number.isFinite)) throw new Error(`the network gave no finite number in iteration ${n}`);
-      const governed = govern(pan, asked);
-      pan = governed.pan;
-      motion.u.set(governed.u, 3 * now);
-      motion.asked.set(asked, 3 * now);
-      motion.pan.set(governed.states, 6 * (now + 1));
-      motion.sliding.set(slideAlong(motion.sliding.slice(4 * now, 4 * now + 4), governed.u, friction), 4 * (now + 1));
-    }
-    first = last;
+export function plan(network: Network, position: Float64Array, given: Asked): Planned {
+  const { friction, limits, start = startAt(position) } = given;
+  const samples = position.length / 2;
+  const reachUsed = reachFor(network.constants, position, limits);
+  const reading = new Reading(network, { position, friction, limits, reachUsed });
+  const { chunk } = reading, total = Math.ceil(samples / chunk) * chunk;
+  const u = new Float64Array(3 * total), asked = new Float64Array(3 * total);
+  const states = new Float64Array(6 * (total + 1)), sliding = new Float64Array(4 * (total + 1));
+  states.set(start.pan.slice(0, 6));
+  sliding.set(Array.from(start.object));
+  let pan: Pan = panAtStart(start.pan, limits);
+  while (reading.now < samples) {
+    const { now } = reading;
+    const seen = [lastRows(states, 6, now, chunk), lastRows(sliding, 4, now, chunk)] as const;
+    const chunkAsked = reading.look(...seen, pan.state.slice(6));
+    const governed = govern(pan, chunkAsked);
+    pan = governed.pan;
+    u.set(governed.u, 3 * now);
+    asked.set(chunkAsked, 3 * now);
+    states.set(governed.states, 6 * (now + 1));
+    sliding.set(slideAlong(sliding.slice(4 * now, 4 * now + 4), governed.u, friction), 4 * (now + 1));
+    reading.after(chunk);
   }
   const mark: [number, number] = [position[2 * samples - 2]!, position[2 * samples - 1]!];
-  const stop = stopAfter(motion, samples, pan, mark, friction);
-  let squares = 0;
-  for (let k = 0; k < samples; k++) {
-    squares += (motion.sliding[4 * k]! - position[2 * k]!) ** 2 + (motion.sliding[4 * k + 1]! - position[2 * k + 1]!) ** 2;
-  }
+  const stop = stopAfter({ u, pan: states, sliding }, samples, pan, mark, friction);
   return {
-    u: motion.u.slice(0, 3 * samples), asked: motion.asked.slice(0, 3 * samples), pan: motion.pan.slice(0, 6 * (samples + 1)),
-    sliding: motion.sliding.slice(0, 4 * (samples + 1)), stop, trackingRmse: Math.sqrt(squares / samples),
+    u: u.slice(0, 3 * samples), asked: asked.slice(0, 3 * samples), pan: states.slice(0, 6 * (samples + 1)),
+    sliding: sliding.slice(0, 4 * (samples + 1)), stop,
   };
 }
 
-/** Central differences, one-sided at the ends: what a command's velocity is to the network. */
-export function gradient(position: Float64Array): Float64Array {
-  const count = position.length / 2, out = new Float64Array(position.length);
+/** The last `count` rows up to row `now`; before the first row, it has been there. */
+export function lastRows(rows: Float64Array, width: number, now: number, count: number): Float64Array {
+  const out = new Float64Array(width * count);
   for (let k = 0; k < count; k++) {
-    const before = Math.max(0, k - 1), after = Math.min(count - 1, k + 1);
-    for (let axis = 0; axis < 2; axis++) {
-      out[2 * k + axis] = (position[2 * after + axis]! - position[2 * before + axis]!) / ((after - before) * 1e-3);
-    }
-  }
-  return out;
-}
-
-/** Samples of a command as the network reads them, (n * 4); past its end it is held at rest. */
-function rows(
-  position: Float64Array, velocity: Float64Array, origin: Float64Array, first: number, last: number,
-): Float32Array {
-  const samples = position.length / 2, out = new Float32Array(4 * (last - first));
-  for (let k = first; k < last; k++) {
-    const row = Math.min(k, samples - 1), there = 4 * (k - first);
-    out[there] = position[2 * row]! - origin[0]!;
-    out[there + 1] = position[2 * row + 1]! - origin[1]!;
-    if (k < samples) out.set([velocity[2 * k]!, velocity[2 * k + 1]!], there + 2);
+    const row = Math.max(0, now - count + 1 + k);
+    out.set(rows.subarray(width * row, width * (row + 1)), width * k);
   }
   return out;
 }

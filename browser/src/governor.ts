@@ -21,6 +21,21 @@ export interface Governed {
 
 export const panAt = (state: PanState, limits: Limits): Pan => ({ state, brake: findBrake(state, limits), limits });
 
+/**
+ * The pan at its start, with a stop from there.
+ *
+ * @throws Error where there is none
+ */
+export function panAtStart(state: PanState, limits: Limits): Pan {
+  const pan = panAt(state, limits);
+  const level = limits.height !== 0 || (state[2] === 0 && state[5] === 0 && state[8] === 0);
+  const kept = Math.hypot(...state.slice(6)) <= limits.acceleration && state[8]! >= -LARGEST_SINK;
+  if (!(level && kept && canStop(pan))) {
+    throw new Error("the pan cannot come to rest within its limits from where it is");
+  }
+  return pan;
+}
+
 export const canStop = (pan: Pan): boolean => within(stopExtent(pan.state, pan.brake), pan.limits);
 
 const BISECTIONS = 6;
@@ -33,8 +48,8 @@ export function govern(pan: Pan, asked: Float64Array): Governed {
   const u = follow(pan.state.slice(6), level, limits);
   const states = integratePan(pan.state.slice(0, 6), u);
   const ahead = panAt(stateAfter(states, u), limits);
-  if (farthest(states) <= limits.reach && inSpace(states, limits) && canStop(ahead)) return { u, states, pan: ahead };
-  return holdBack(pan, u, states);
+  const keeps = farthest(states) <= limits.pan_reach && inSpace(states, limits) && canStop(ahead);
+  return keeps ? { u, states, pan: ahead } : holdBack(pan, u, states);
 }
 
 const farthest = (states: Float64Array): number => Math.sqrt(mostSquare(states, 0, 2));
@@ -124,7 +139,7 @@ function nearest(pan: Pan, u: Float64Array, held: Governed): Governed {
     const detour = follow(pan.state.slice(6), path, limits);
     if (!(difference(detour, u) < far)) break;
     const states = integratePan(pan.state.slice(0, 6), detour);
-    if (!(mostSquare(states, 0, 2) <= limits.reach * limits.reach && inSpace(states, limits))) continue;
+    if (!(mostSquare(states, 0, 2) <= limits.pan_reach * limits.pan_reach && inSpace(states, limits))) continue;
     const after = panAt(stateAfter(states, detour), limits);
     if (canStop(after)) return { u: detour, states, pan: after };
   }
@@ -138,7 +153,7 @@ function difference(a: Float64Array, b: Float64Array): number {
 }
 
 function shareWithin(stop: Float64Array, there: Float64Array, limits: Limits): number {
-  let share = shareInBall(stop, there, 0, 2, limits.reach);
+  let share = shareInBall(stop, there, 0, 2, limits.pan_reach);
   if (limits.height !== 0) share = Math.min(share, shareInBall(stop, there, 2, 1, limits.height));
   if (limits.speed !== Infinity) share = Math.min(share, shareInBall(stop, there, 3, 3, limits.speed));
   return share;

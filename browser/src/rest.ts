@@ -42,7 +42,7 @@ function joined(a: Float64Array, b: Float64Array): Float64Array {
   return out;
 }
 
-function kindestStop(
+export function kindestStop(
   state: PanState, sliding: Float64Array, mark: readonly [number, number], limits: Limits, friction: Friction,
 ): Brake | undefined {
   let best: Brake | undefined, least = Infinity;

@@ -2,8 +2,9 @@
 
 import { DT, GRAVITY, type Friction } from "./law.js";
 
+/** What holds at every sample; no limit on the speed is infinite. */
 export interface Limits {
-  readonly reach: number;
+  readonly pan_reach: number;
   readonly height: number;
   readonly speed: number;
   readonly acceleration: number;
@@ -91,7 +92,7 @@ export interface Extent {
 }
 
 export const within = (extent: Extent, limits: Limits): boolean =>
-  extent.reach <= limits.reach && extent.height <= limits.height && extent.speed <= limits.speed;
+  extent.reach <= limits.pan_reach && extent.height <= limits.height && extent.speed <= limits.speed;
 
 /** How far and how fast a pan comes at most on its stop, by the convex hulls of its three phases. */
 export function stopExtent(state: PanState, brake: Brake): Extent {

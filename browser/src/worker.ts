@@ -1,102 +1,117 @@
-/** The planner in a worker, so that the page stays responsive: it loads itself, and answers one plan after the other. */
+/** The planner in a worker, so that the page stays responsive: it loads itself, and answers each question by its number. */
 
-import * as ort from "onnxruntime-web/wasm";
-
-import { assess, type Sizes } from "./assess.js";
-import { type Network, plan } from "./decode.js";
-import { DT, type Friction } from "./law.js";
-import { type Manifest, type Memory, open } from "./onnx.js";
-import type { Limits } from "./stop.js";
+import { type Command, readCommand } from "./command.js";
+import { plan, type Start } from "./decode.js";
+import { documentOf } from "./document.js";
+import { type Chunk, Following, type Seen } from "./follow.js";
+import type { Friction } from "./law.js";
+import { checkFriction, type LimitsAsked, limitsOf } from "./limits.js";
+import { type Manifest, type Network, open } from "./network.js";
 
 /** What the site says of its own files. */
 export interface Files {
   readonly version: string;
   readonly sha256: string;
+  /** Bytes of the files that the planner is loaded from, as they are sent. */
   readonly sizes: Readonly<Record<string, number>>;
+}
+
+/** What is asked for, as the page has it. */
+export interface Wanted {
+  readonly friction?: Friction;
+  readonly limits?: LimitsAsked;
+  readonly start?: Start;
 }
 
 export type Question =
   | { readonly kind: "load"; readonly files: Files }
-  | { readonly kind: "plan"; readonly position: Float64Array; readonly friction: Friction };
+  | { readonly kind: "read"; readonly file: Uint8Array }
+  | { readonly kind: "plan"; readonly position: Float64Array; readonly wanted: Wanted }
+  | { readonly kind: "follow"; readonly position: Float64Array; readonly wanted: Wanted }
+  | { readonly kind: "next"; readonly following: number; readonly seen: Seen }
+  | { readonly kind: "end"; readonly following: number };
 
 export type Answer =
   | { readonly kind: "progress"; readonly done: number; readonly total: number }
   | { readonly kind: "ready"; readonly model: Model }
+  | { readonly kind: "read"; readonly command: Command }
   | { readonly kind: "planned"; readonly text: string; readonly took: number }
+  | { readonly kind: "following"; readonly following: number; readonly chunk: number }
+  | { readonly kind: "next"; readonly chunk: Chunk }
+  | { readonly kind: "ended" }
   | { readonly kind: "failed"; readonly message: string };
 
-export type Model = Manifest & {
-  readonly name: string;
-  readonly sha256: string;
-  readonly friction: Friction;
-  readonly limits: Readonly<Record<string, number | null>>;
-  readonly sizes: Sizes;
-  readonly trained_on: Readonly<Record<string, readonly [number, number]>>;
-};
+export type Model = Manifest & { readonly sha256: string };
 
-const DEFAULT_SIZES: Sizes = { pan_radius: 0.18, object_radius: 0.03 };
+let network: Network | undefined;
+let sha256 = "";
+let number = 0;
+const followings = new Map<number, Following>();
 
-let network: Network<Memory> | undefined;
-let model: Model | undefined;
-
-const answer = (message: Answer): void => postMessage(message);
-
-async function load(files: Files): Promise<void> {
-  const names = Object.keys(files.sizes);
-  const total = Object.values(files.sizes).reduce((sum, size) => sum + size, 0);
+async function load({ sizes, sha256: given }: Files, report: (answer: Answer) => void): Promise<Model> {
+  const total = Object.values(sizes).reduce((sum, size) => sum + size, 0);
   let done = 0;
   const read = async (name: string): Promise<Uint8Array> => {
-    const response = await fetch(name);
-    if (!response.ok || !response.body) throw new Error(`${name} is not there (${response.status})`);
-    const parts: Uint8Array[] = [];
-    const reader = response.body.getReader();
-    for (let part = await reader.read(); !part.done; part = await reader.read()) {
-      parts.push(part.value);
-      done += part.value.length;
-      answer({ kind: "progress", done, total });
-    }
-    const whole = new Uint8Array(await new Blob(parts as BlobPart[]).arrayBuffer());
-    if (whole.length !== files.sizes[name]) throw new Error(`${name} did not come whole`);
-    return whole;
+    const response = await fetch(name).catch(() => null);
+    if (!response?.ok || !response.body) throw new Error(`${name} is not there${response ? ` (${response.status})` : ""}`);
+    let size = 0;
+    const counted = response.body.pipeThrough(new TransformStream<Uint8Array<ArrayBuffer>, Uint8Array<ArrayBuffer>>({
+      transform(part, controller) {
+        size += part.length;
+        done += part.length;
+        report({ kind: "progress", done, total });
+        controller.enqueue(part);
+      },
+    }));
+    const whole = name.endsWith(".packed") ? counted.pipeThrough(new DecompressionStream("gzip")) : counted;
+    const buffer = await new Response(whole).arrayBuffer().catch(() => null);
+    if (!buffer || size !== sizes[name]) throw new Error(`${name} did not come whole`);
+    return new Uint8Array(buffer);
   };
-  const loaded = Object.fromEntries(await Promise.all(names.map(async (name) => [name, await read(name)] as const)));
-  const manifest = JSON.parse(new TextDecoder().decode(loaded["model/manifest.json"]));
-  ort.env.wasm.wasmBinary = loaded["onnxruntime.wasm"]!;
-  network = await open(manifest, loaded["model/encoder.onnx"]!, loaded["model/decoder_step.onnx"]!);
-  model = { sizes: DEFAULT_SIZES, ...manifest, sha256: files.sha256 } as Model;
-  answer({ kind: "ready", model });
+  const names = ["model/manifest.json", "model/encoder.onnx.packed", "model/decoder_step.onnx.packed", "kernel.wasm"];
+  const [manifest, encoder, decoderStep, kernel] = await Promise.all(names.map(read));
+  const made: Manifest = JSON.parse(new TextDecoder().decode(manifest));
+  network = await open(made, encoder!, decoderStep!, kernel!);
+  sha256 = given;
+  return { ...made, sha256 };
 }
 
-async function planned(position: Float64Array, friction: Friction): Promise<void> {
-  if (!network || !model) throw new Error("it is not loaded");
-  const begin = performance.now();
-  const given = model.limits;
-  const limits: Limits = {
-    reach: given.pan_reach!, height: given.height ?? 0, speed: given.speed ?? Infinity,
-    acceleration: given.acceleration!, jerk: given.jerk!,
-  };
-  const made = await plan(network, position, friction, limits);
-  const samples = position.length / 2;
-  const rows = (values: Float64Array, width: number, first: number, axes: number, count: number): number[][] =>
-    Array.from({ length: count }, (_, k) => [...values.slice(width * k + first, width * k + first + axes)]);
-  const document = {
-    format: "slide-plan/2", dt: DT, model: { name: model.name, sha256: model.sha256 }, friction,
-    command: { position: rows(position, 2, 0, 2, samples) },
-    pan: {
-      acceleration: rows(made.u, 3, 0, 3, samples), velocity: rows(made.pan, 6, 3, 3, samples),
-      position: rows(made.pan, 6, 0, 3, samples),
-    },
-    stop: { acceleration: rows(made.stop, 3, 0, 3, made.stop.length / 3) },
-    object: { velocity: rows(made.sliding, 4, 2, 2, samples), position: rows(made.sliding, 4, 0, 2, samples) },
-    sizes: model.sizes,
-    quality: assess(made, position, friction, limits, model.sizes, model.trained_on),
-  };
-  answer({ kind: "planned", text: JSON.stringify(document), took: performance.now() - begin });
+function loaded(): Network {
+  if (!network) throw new Error("the planner is not loaded");
+  return network;
 }
 
-onmessage = async ({ data }: MessageEvent<Question>): Promise<void> => {
+function asked({ manifest }: Network, { friction = manifest.friction, limits, start }: Wanted) {
+  return { friction: checkFriction(friction), limits: limitsOf(manifest, limits), ...(start && { start }) };
+}
+
+function answerTo(question: Exclude<Question, { kind: "load" }>): Answer {
+  if (question.kind === "read") return { kind: "read", command: readCommand(question.file) };
+  const own = loaded();
+  if (question.kind === "plan") {
+    const begin = performance.now(), { position } = question, all = asked(own, question.wanted);
+    const text = JSON.stringify(documentOf(own.manifest, sha256, plan(own, position, all), position, all));
+    return { kind: "planned", text, took: performance.now() - begin };
+  }
+  if (question.kind === "follow") {
+    const following = new Following(own, question.position, asked(own, question.wanted));
+    followings.set(++number, following);
+    return { kind: "following", following: number, chunk: following.chunk };
+  }
+  if (question.kind === "end") {
+    followings.delete(question.following);
+    return { kind: "ended" };
+  }
+  const following = followings.get(question.following);
+  if (!following) throw new Error("it has ended");
+  return { kind: "next", chunk: following.next(question.seen) };
+}
+
+onmessage = async ({ data: { id, question } }: MessageEvent<{ id: number; question: Question }>): Promise<void> => {
+  const answer = (given: Answer): void => postMessage({ id, answer: given });
   try {
-    await (data.kind === "load" ? load(data.files) : planned(data.position, data.friction));
+    if (question.kind === "load") answer({ kind: "ready", model: await load(question.files, answer) });
+    else answer(answerTo(question));
   } catch (error) {
     answer({ kind: "failed", message: error instanceof Error ? error.message : String(error) });
   }

@@ -52,7 +52,7 @@ export class Planning {
     try {
       const own = await this.own;
       if (own) {
-        const answer = await own.plan(positions, request.friction);
+        const answer = await own.plan(positions, { friction: request.friction, limits: request.limits });
         if (!stopping.signal.aborted) yield { ...answer, body: null, motion: motionOf(answer.plan), better: null };
         return;
       }

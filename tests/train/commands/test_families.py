@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from runtime.physics.law import DT, GRAVITY
-from train.commands.controlled_slide import physics_commands
 from train.commands.families import FAMILIES, free_commands, scale, soft_start, turn
+from train.paper.controlled_slide import physics_commands
 
 REACH = (0.01, 0.15)
 SPEED = 0.7
