@@ -68,9 +68,9 @@ class Settings(BaseSettings):
     max_wait: float = Field(0.55, gt=0.0, le=600.0, description="Longest wait of a command for its turn (s).")
     deadline: float = Field(5.0, gt=0.0, le=600.0, description="Longest time until a plan is ready (s).")
     hang_deadlines: float = Field(
-        6.0, ge=1.0, le=1000.0, description="Deadlines that a batch may take until the planning process is replaced."
+        6.0, ge=1.0, le=1000.0, description="Deadlines that planning or reading may take until its process is replaced."
     )
-    header_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a header (s).")
+    header_timeout: float = Field(8.0, gt=0.0, le=600.0, description="Longest time to send a header (s).")
     body_timeout: float = Field(10.0, gt=0.0, le=600.0, description="Longest time to send a body (s).")
     write_timeout: float = Field(60.0, gt=0.0, le=600.0, description="Longest time to make room for an answer (s).")
     drain_timeout: float = Field(7.0, gt=0.0, le=600.0, description="Longest time to finish when stopped (s).")

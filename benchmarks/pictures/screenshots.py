@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from benchmarks.pictures.browser import ARGUMENTS, PATIENCE, chromium
-from benchmarks.sections.server import serving
+from benchmarks.serving.process import serving
 from runtime.cli.console import run, say
 from runtime.command import Command
 from runtime.errors import InputError, extra
@@ -35,11 +35,11 @@ def screenshots(
     executable = chromium()
     if executable is None:
         raise InputError("no Chromium here: install it, or name it in SLIDE_CHROMIUM")
-    with serving() as (port, _), sync_playwright() as playwright, tempfile.TemporaryDirectory() as made:
+    with serving() as server, sync_playwright() as playwright, tempfile.TemporaryDirectory() as made:
         browser = playwright.chromium.launch(executable_path=executable, args=ARGUMENTS)
-        _take_page(browser, port, folder / "page-wide.png", 1280, "light", "Signature")
-        _take_page(browser, port, folder / "page-narrow.png", 360, "light", "Eight")
-        _take_page(browser, port, folder / "page-dark.png", 1280, "dark", "Strokes")
+        _take_page(browser, server.port, folder / "page-wide.png", 1280, "light", "Signature")
+        _take_page(browser, server.port, folder / "page-narrow.png", 360, "light", "Eight")
+        _take_page(browser, server.port, folder / "page-dark.png", 1280, "dark", "Strokes")
         report = Path(made) / "report.html"
         write_report(report, Planner().plan(Command.load(REPORTED).position, friction=Friction(1.0, 0.5)))
         page = _open(browser, 1280, "light", report.as_uri())

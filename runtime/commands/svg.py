@@ -270,6 +270,8 @@ def _arc(begin: complex, numbers: list[float], end: complex) -> list[complex]:
     grown = math.sqrt(max(1.0, (half.real / rx) ** 2 + (half.imag / ry) ** 2))
     rx, ry = rx * grown, ry * grown
     x, y = half.real / rx, half.imag / ry  # half the chord, on the unit circle
+    if x * x + y * y == 0.0:  # the ellipse is so large that the arc is straight
+        return [end]
     away = math.sqrt(max(0.0, 1.0 / (x * x + y * y) - 1.0)) * (1.0 if large == sweep else -1.0)
     centre = away * complex(-y, x)
     first, last = complex(x, y) - centre, complex(-x, -y) - centre

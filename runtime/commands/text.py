@@ -40,6 +40,9 @@ UNITS = {"", *SECONDS, *METRES, *PIXELS}
 LONG = 5000
 """Rows from which on a table is first tried as nothing but numbers, which is ten times as fast."""
 
+MOST_COLUMNS, LONGEST_NAME = 10_000, 1000
+"""Most columns of a table, and most characters of a name: beyond, to look for x and y takes seconds."""
+
 SAMPLED = 10
 """Lines of numbers that the delimiter is found from."""
 
@@ -102,6 +105,10 @@ def parse_table(content: str, reading: Reading) -> Points:
     before = _before_header(lines, delimiter)
     lines = lines[before:]
     first = _fitting(lines, delimiter)
+    if len(first) > MOST_COLUMNS:
+        raise InputError(f"line {lines[0].number}: has {len(first)} columns, at most {MOST_COLUMNS} are read")
+    if (longest := max(map(len, first))) > LONGEST_NAME:
+        raise InputError(f"line {lines[0].number}: has a cell of {longest} characters, at most {LONGEST_NAME} are read")
     names: Sequence[str] | None = None
     if all(_number(cell, delimiter) is None for cell in first):
         header, names, lines = lines[0], first, lines[1:]

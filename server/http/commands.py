@@ -14,11 +14,11 @@ from server.http.body import read_body
 from server.http.doors import CLIENT
 from server.http.openapi import REFERENCE, problems
 from server.http.plans import JSON, LeasedResponse, accepted, holding, pieces
-from server.planning.messages import PIECE
+from server.planning.messages import FILE, PIECE
 from server.problems import Problem
 from server.service import Service
 
-FILE = "application/octet-stream"
+BINARY = "application/octet-stream"
 
 NUMBERS = tuple(each.name for each in fields(Reading) if each.name not in ("columns", "origin"))
 """Options of `Reading` that are numbers; the others are texts."""
@@ -33,7 +33,7 @@ def _parameter(name: str) -> dict[str, Any]:
 @router.post(
     "/command",
     openapi_extra={
-        "requestBody": {"required": True, "content": {FILE: {"schema": {"type": "string", "format": "binary"}}}},
+        "requestBody": {"required": True, "content": {BINARY: {"schema": {"type": "string", "format": "binary"}}}},
         "parameters": [_parameter(each.name) for each in fields(Reading)],
     },
     response_class=Response,
@@ -54,8 +54,8 @@ async def command(request: Request) -> Response:
     with ExitStack() as stack:
         stack.callback(service.admit(client).release)
         held = stack.enter_context(holding(request, service))
-        body = await read_body(request, service.settings, FILE)
-        document: bytes = await service.reader.read(client, "file", body, given=options)
+        body = await read_body(request, service.settings, BINARY)
+        document: bytes = await service.reader.read(client, FILE, body, **options)
         held.resize(len(document))
         headers = {"Content-Length": str(len(document))}
         cut = (document[begin : begin + PIECE] for begin in range(0, len(document), PIECE))

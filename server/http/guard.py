@@ -31,6 +31,9 @@ REQUEST_HEADER = "X-Request-ID"
 REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 """What a request's name may be."""
 
+LONGEST_QUERY = 2000
+"""Most bytes of a query: all options of a command file with long names of columns take some hundred."""
+
 LONGEST_PATH = 200
 """Most characters of a path in the log."""
 
@@ -90,6 +93,8 @@ class Guard:
                 check_host(scope, self._service.settings)
             if scope["path"] in PROTECTED and not self._is_scrape(scope):
                 scope[CLIENT] = client_of(scope, self._service.settings)
+                if len(scope["query_string"]) > LONGEST_QUERY:
+                    raise Problem("invalid", f"the query has more than {LONGEST_QUERY} bytes")
             if scope["path"] in PLANNING and scope["method"] == "POST":
                 self._service.check_room(scope[CLIENT])  # here it costs least: nothing has been looked at
             await self._app(scope, receive, send_with_headers)

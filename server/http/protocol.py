@@ -103,6 +103,9 @@ class GuardedProtocol(HttpToolsProtocol):
         if len(self.url) + sum(len(name) + len(value) for name, value in self.headers) > MAX_HEADER:
             self._answer(HEADER_TOO_LARGE)
             return
+        if not self._is_for_its_host():
+            self._answer(Problem("malformed", "the address and the header Host name two servers"))
+            return
         if self.parser.should_upgrade() and self._should_upgrade():
             unfit = self._unfit_for_upgrade()
             if unfit:
@@ -111,6 +114,13 @@ class GuardedProtocol(HttpToolsProtocol):
         else:
             self.deadlines.until = None
         super().on_headers_complete()
+
+    def _is_for_its_host(self) -> bool:
+        """Whether an address that names a server names the one of the header Host, as RFC 9112, 3.2.2 wants."""
+        if self.url.startswith(b"/") or b"://" not in self.url:
+            return True
+        named = self.url.partition(b"://")[2].partition(b"/")[0].partition(b"?")[0]
+        return all(value.lower() == named.lower() for name, value in self.headers if name == b"host")
 
     def _unfit_for_upgrade(self) -> str:
         """Return what of this request the websocket's own parser would not take, or nothing."""

@@ -168,6 +168,10 @@ class StreamRequest(Options):
     packed: bool = False
 
 
+MOST_NAMES, NAMES_OF_A_COMMAND = 2000, 16
+"""Most names of a request, which a step with all its readings has three quarters of, and of a command among many."""
+
+
 class FrameRequest(Strict):
     """Where a camera saw the object; see `Stream.see_object`."""
 
@@ -210,12 +214,19 @@ class PlansRequest(Options):
     sizes: SizesRequest | None = None
 
 
-def read(model: type[Model], body: bytes) -> Model:
+def read(model: type[Model], body: bytes, most_names: int = MOST_NAMES) -> Model:
     """Parse and check a body.
+
+    Args:
+        model: what it must be.
+        body: as it came.
+        most_names: that it may have; each that is not known would be an error to be kept.
 
     Raises:
         Problem: `malformed` if it is not JSON, `invalid` if it is not what the model says; the place is named.
     """
+    if body.count(b":") > most_names:
+        raise Problem("invalid", f"there are more than {most_names} names")
     try:
         result = model.model_validate_json(body)
     except ValidationError as error:

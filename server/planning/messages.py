@@ -159,15 +159,19 @@ class Batch(NamedTuple):
     jobs: list[bytes]
 
 
+FILE = "file"
+"""Kind of a request whose body is a command file."""
+
+
 class ReadRequest(NamedTuple):
     """A body that is to be read.
 
     Attributes:
         number: of the request.
         client: who sent it.
-        kind: what it is: the name of a function of `server.planning.reading`.
+        kind: what it is: FILE, or the name of a function of `server.planning.reading`.
         body: as it came.
-        options: for that function.
+        options: for that function, or of `Reading`.
     """
 
     number: int
@@ -254,6 +258,10 @@ class Channel:
         with self._sending:
             self._connection.sendall(frame(message, len(follows)))
             self._connection.sendall(follows)
+
+    def close(self) -> None:
+        """Close this process's end, for which another one may have a number too."""
+        self._connection.close()
 
     def fileno(self) -> int:
         """Return the number of the socket, to be waited for."""

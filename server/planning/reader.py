@@ -11,7 +11,7 @@ from typing import Any
 
 from runtime import InputError
 from runtime.network.manifest import Manifest
-from server.planning.messages import ReaderOptions, ReadReply, ReadRequest
+from server.planning.messages import FILE, ReaderOptions, ReadReply, ReadRequest
 from server.planning.process import READING_COMMAND, Child, keep
 from server.problems import Problem, for_input
 from server.settings import Settings
@@ -47,6 +47,7 @@ class Reader:
         bounds = {name: getattr(settings, name) for name in ReaderOptions._fields[1:]}
         self._options = ReaderOptions(manifest, **bounds)
         self._deadline, self._command = settings.deadline, command
+        self._longest = settings.hang_deadlines * settings.deadline
         self._numbers = count()
         self._waiting: deque[_Waiting] = deque()
         self._read: dict[int, _Waiting] = {}
@@ -84,17 +85,24 @@ class Reader:
 
     def _send(self) -> None:
         """Give the process as much as it may have at once, by turns of the clients."""
-        while self._waiting and self._child is not None:
-            first = self._turns.order({one.client for one in self._waiting})[0]
-            one = next(each for each in self._waiting if each.client == first)
-            size = sum(len(each.request.body) for each in self._read.values())
-            if self._read and size + len(one.request.body) > READ_AT_ONCE:
-                return
+        while self._child is not None and (one := self._next()) is not None:
             self._waiting.remove(one)
             self._turns.charge(one.client, len(one.request.body))
             self._read[one.request.number] = one
             self._child.send(one.request)
             self._moved.set()
+
+    def _next(self) -> _Waiting | None:
+        """Return what the process may have next, if anything: one file, and beside it some other bodies."""
+        busy = any(each.request.kind == FILE for each in self._read.values())
+        waiting = [one for one in self._waiting if not (busy and one.request.kind == FILE)]
+        if not waiting:
+            return None
+        first = self._turns.order({one.client for one in waiting})[0]
+        one = next(each for each in waiting if each.client == first)
+        read = [len(each.request.body) for each in self._read.values() if each.request.kind != FILE]
+        room = one.request.kind == FILE or not read or sum(read) + len(one.request.body) <= READ_AT_ONCE
+        return one if room else None
 
     async def _use(self, child: Child) -> None:
         """Take what the process has read.
@@ -109,7 +117,7 @@ class Reader:
             if not self._read:
                 self._moved.clear()
                 await self._moved.wait()
-            async with asyncio.timeout(self._deadline):
+            async with asyncio.timeout(self._longest):
                 reply: ReadReply
                 reply, _ = await child.receive()
             _give(self._read.pop(reply.number), reply.result)

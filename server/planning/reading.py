@@ -2,7 +2,8 @@
 
 The server starts it with one end of a socket and sends ReaderOptions; the answer is "". From then on each ReadRequest
 is answered by a ReadReply. Bodies are read side by side, a command at a time, and the next step is for the client that
-has had the least time: a short body does not wait for the end of a long one. The process ends when the socket does.
+has had the least time: a short body does not wait for the end of a long one. Command files are read by a process for
+each, `server.planning.files`. The process ends when the socket does.
 """
 
 from __future__ import annotations
@@ -19,18 +20,16 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Generator
 from contextlib import suppress
+from multiprocessing.connection import Connection
 from typing import Any
 
-import orjson
-
-from runtime import Command, InputError, MissingExtraError, Reading, Start
+from runtime import Command, InputError, Start
 from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT
-from runtime.commands.build import build
-from runtime.commands.files import parse
 from runtime.network.reader import chunk_samples
-from runtime.physics.law import DT
 from server import logs
 from server.http.schemas import (
+    MOST_NAMES,
+    NAMES_OF_A_COMMAND,
     PlanRequest,
     PlansRequest,
     StepRequest,
@@ -41,14 +40,12 @@ from server.http.schemas import (
     to_start,
 )
 from server.planning.bounds import BRACKET, check_positions, stop_samples
-from server.planning.messages import Channel, PlanJob, ReaderOptions, ReadJob, ReadReply, ReadRequest
+from server.planning.files import Files
+from server.planning.messages import FILE, Channel, PlanJob, ReaderOptions, ReadJob, ReadReply, ReadRequest
 from server.problems import Problem, for_input
 from server.shares import Turns
 
 log = logging.getLogger("slide-serve")
-
-MOST_POINTS = 200_000
-"""Most positions of a file; of a recording at 10 kHz 20 s."""
 
 MOST_MEMORY = 1 << 28
 """Most memory that the process may hold, besides what programs are (bytes)."""
@@ -68,7 +65,7 @@ def plan(options: ReaderOptions, body: bytes, npz: bool = False) -> Steps:
 
 def plans(options: ReaderOptions, body: bytes) -> Steps:
     """Read the body of `POST /plans`: a ReadJob for each command."""
-    asked = read(PlansRequest, body)
+    asked = read(PlansRequest, body, MOST_NAMES + options.max_commands * NAMES_OF_A_COMMAND)
     if len(asked.commands) > options.max_commands:
         raise Problem("invalid", f"at most {options.max_commands} commands are taken", "commands")
     result = []
@@ -120,22 +117,7 @@ def step(options: ReaderOptions, body: bytes) -> Steps:
     return asked, command, start
 
 
-def file(options: ReaderOptions, body: bytes, given: dict[str, Any]) -> Steps:
-    """Read a command file: the answer of `POST /command`, as JSON."""
-    yield
-    reading = Reading(**given)
-    points, reading = parse(body, reading)
-    yield
-    if len(points.position) > MOST_POINTS:
-        raise InputError(f"the file has {len(points.position)} positions, at most {MOST_POINTS} are read", "position")
-    command = Command(*build(points, reading))
-    if len(command) > options.max_samples:
-        raise InputError(f"the command has {len(command)} samples at 1 kHz, at most {options.max_samples} are taken")
-    document = {"command": {"dt": DT, "position": command.position}, "notes": [*command.notes, *command.remarks]}
-    return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
-
-
-KINDS = {reading.__name__: reading for reading in (plan, plans, stream, step, file)}
+KINDS = {reading.__name__: reading for reading in (plan, plans, stream, step)}
 
 
 def serve(channel: Channel) -> None:
@@ -145,12 +127,24 @@ def serve(channel: Channel) -> None:
     channel.send("")
     turns = Turns(options.shares_of_time)
     bodies: defaultdict[str, deque[tuple[int, Steps]]] = defaultdict(deque)
+    files = Files(channel, options.max_samples)
     while True:
-        while not bodies or select.select([channel], [], [], 0.0)[0]:
+        while True:
+            ends: list[Channel | Connection] = [channel] if files.answers is None else [channel, files.answers]
+            ready = select.select(ends, [], [], 0.0 if bodies else None)[0]
+            if files.answers in ready:
+                channel.send(files.end())
+            if channel not in ready:
+                break
             request: ReadRequest = channel.receive()
-            steps = KINDS[request.kind](options, request.body, **request.options)
-            bodies[request.client].append((request.number, steps))
+            if request.kind == FILE:
+                files.begin(request)
+            else:
+                steps = KINDS[request.kind](options, request.body, **request.options)
+                bodies[request.client].append((request.number, steps))
             del request
+        if not bodies:
+            continue
         client = turns.order(bodies)[0]
         begin, (number, steps) = time.perf_counter(), bodies[client].popleft()
         reply = _step(number, steps)
@@ -171,8 +165,6 @@ def _step(number: int, steps: Steps) -> ReadReply | None:
         return ReadReply(number, end.value)
     except MemoryError:
         return ReadReply(number, Problem("invalid", f"to read this takes more than {MOST_MEMORY >> 20} MiB"))
-    except MissingExtraError as error:
-        return ReadReply(number, Problem("invalid", str(error)))
     except (Problem, InputError) as problem:
         return ReadReply(number, problem)
     except Exception:

@@ -12,7 +12,9 @@ from benchmarks.sections.server import SECTION, ServerSettings
 
 
 def test_every_figure_of_the_server_is_measured(tiny_bundle: Path) -> None:
-    settings = ServerSettings(lone=3, python=2, clients=2, rounds=1, nonces=4, flood_seconds=0.5, steps=3)
+    settings = ServerSettings(
+        lone=3, python=2, clients=2, rounds=1, nonces=4, flood_seconds=0.5, steps=3, attack_seconds=1.0, kills=4
+    )
     figures, notes = SECTION.measure(Subject.load(tiny_bundle), settings)
     document = asdict(figures)
     json.dumps(document, allow_nan=False)
@@ -21,4 +23,5 @@ def test_every_figure_of_the_server_is_measured(tiny_bundle: Path) -> None:
     assert not notes
     assert 0 < figures.looked_through <= 4
     assert (figures.wrong, figures.flood.other, figures.flood.unanswered) == (0, 0, 0)
+    assert (figures.killed.times, figures.killed.ends) == (4, 0)
     assert figures.soak is None

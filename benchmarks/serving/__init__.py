@@ -1,0 +1,1 @@
+"""`slide-serve` as it is measured: started, used, attacked, and watched."""
