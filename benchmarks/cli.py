@@ -19,7 +19,21 @@ from benchmarks.harness.machine import Machine, this_machine, versions
 from benchmarks.harness.section import NAME, Section, Subject
 from benchmarks.harness.tables import machine_table, print_tables
 from benchmarks.harness.targets import Verdict, judge
-from benchmarks.sections import accuracy, arm, bulk, control, joints, long, peers, refine, server, site, speed, training
+from benchmarks.sections import (
+    accuracy,
+    arm,
+    bulk,
+    control,
+    joints,
+    long,
+    page,
+    peers,
+    refine,
+    server,
+    site,
+    speed,
+    training,
+)
 from runtime.cli.console import DONE_BUT_MISSED, AsJson, print_json, run, say
 from runtime.documents.writing import check_writable, write_whole
 from runtime.errors import InputError, MissingExtraError
@@ -28,7 +42,7 @@ FORMAT = "slide-bench/2"
 
 SECTIONS: dict[str, Section[Any, Any]] = {
     module.SECTION.name: module.SECTION
-    for module in (accuracy, speed, control, refine, long, training, peers, arm, joints, bulk, server, site)
+    for module in (accuracy, speed, control, refine, long, training, peers, arm, joints, bulk, server, site, page)
 }
 """The sections by their names, in the order in which they are measured."""
 

@@ -35,9 +35,11 @@ for (const { file, sha256: said } of Object.values(JSON.parse(manifest).graphs))
   if (sha256(graph) !== said) throw new Error(`${join(model, file)}: its sha256 is not the manifest's`);
   writeFileSync(join(out, "model", `${file}.packed`), gzipSync(graph, { level: 9, strategy: constants.Z_FILTERED }));
 }
+cpSync(join(root, "runtime", "arms", "shipped"), join(out, "arms"), { recursive: true });
 
 const page = join(out, "index.html");
-const marked = readFileSync(page, "utf8").replace("<head>", '<head>\n<meta name="planner" content="local.js">');
+const marks = '<meta name="planner" content="local.js">\n<meta name="documents" content="../index.html">';
+const marked = readFileSync(page, "utf8").replace("<head>", `<head>\n${marks}`);
 writeFileSync(page, marked);
 
 const options = { bundle: true, format: "esm", minify: true, target: "es2022", absWorkingDir: here, legalComments: "none" };

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from functools import partial
-from importlib.metadata import version
+from importlib.metadata import metadata, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,6 +76,7 @@ def create_app(
     app.include_router(stream.router)
     _add_views(app, service)
     app.mount("/viewer", StaticFiles(packages=[("runtime.report", "viewer")]))  # what the page shares with the report
+    app.mount("/arms", StaticFiles(packages=[("runtime.arms", "shipped")]))
     # Not a mount: one at "/" would take what other routes refuse, and a wrong method would be not found.
     app.router.default = StaticFiles(directory=STATIC, html=True)
     app.openapi = partial(describe, app)  # type: ignore[method-assign]
@@ -105,13 +106,20 @@ def _add_views(app: FastAPI, service: Service) -> None:
         manifest = bundle.manifest.to_dict()
         shown = {name: manifest[name] for name in ("name", "precision", "network", "dt", "friction", "limits", "sizes")}
         model = {**shown, "trained_on": manifest["trained_on"], "sha256": bundle.sha256}
-        document = {"version": app.version, "model": model, "settings": service.settings.shown()}
+        document = {"version": app.version, "model": model, "settings": service.settings.shown(), "links": links()}
         return Response(orjson.dumps(document), media_type="application/json")
 
     @app.get("/metrics", response_class=Response, responses=problems(401, 421))
     async def metrics() -> Response:
         """Give what is counted, in Prometheus form."""
         return Response(service.metrics.text(), media_type=CONTENT_TYPE_LATEST)
+
+
+def links() -> dict[str, str]:
+    """Return where more is to be read, by name, as the package says."""
+    given = metadata("slide-planner").get_all("Project-URL") or []
+    pairs = (line.partition(",") for line in given)
+    return {name.strip().lower(): address.strip() for name, _, address in pairs}
 
 
 async def _problem(request: Request, error: Exception) -> Response:

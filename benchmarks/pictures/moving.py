@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from benchmarks.pictures.browser import ARGUMENTS, PATIENCE, chromium
+from benchmarks.pictures.browser import PATIENCE, run_browser
+from benchmarks.pictures.page import seek
 from runtime import Command, Plan, Planner
 from runtime.cli.console import run, say
-from runtime.errors import InputError, extra
+from runtime.errors import extra
 from runtime.report.report import write_report
 
 if TYPE_CHECKING:
@@ -56,25 +57,19 @@ def film(plan: Plan) -> list[Image]:
     """
     with extra("dev"):
         from PIL import Image
-        from playwright.sync_api import sync_playwright
-    executable = chromium()
-    if executable is None:
-        raise InputError("no Chromium here: install it, or name it in SLIDE_CHROMIUM")
-    with sync_playwright() as playwright, tempfile.TemporaryDirectory() as made:
+    with run_browser() as browser, tempfile.TemporaryDirectory() as made:
         report = Path(made) / "report.html"
         write_report(report, plan)
-        browser = playwright.chromium.launch(executable_path=executable, args=ARGUMENTS)
         page = browser.new_page(viewport={"width": WIDTH, "height": 900}, reduced_motion="reduce", color_scheme="light")
         page.set_default_timeout(PATIENCE)
         page.goto(report.as_uri())
         page.wait_for_selector("body[data-ready]")
-        stage, scrub = page.locator("#stage"), page.locator("#scrub")
+        stage = page.locator("#stage")
         step = round(FRAME / SLOWER / plan.dt)
         shots = []
         for k in range(0, len(plan), step):
-            scrub.evaluate("(s, t) => { s.value = t; s.dispatchEvent(new Event('input')); }", k * plan.dt)
+            seek(page, k * plan.dt)
             shots.append(stage.screenshot())
-        browser.close()
     return [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
 
 

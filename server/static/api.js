@@ -1,6 +1,7 @@
 /** Who plans for this page: the server behind it, or, where there is none, the page itself; and what goes wrong. */
 
 const PATIENCE = 30_000;  // ms until an answer that does not come is given up
+const STARTING = 30;  // s that a server may take to start
 
 /** What went wrong, in words to be shown as they are. */
 export class Refusal extends Error {
@@ -9,6 +10,8 @@ export class Refusal extends Error {
     this.status = status;
   }
 }
+
+const megabytes = (bytes) => (bytes / 1e6).toFixed(1);
 
 const WORDS = {
   400: "The server did not understand the request.",
@@ -82,10 +85,14 @@ export async function requestPlan(body, token, signal) {
 /**
  * Let the server read a file: a drawing, or a recording, at the speed (m/s) that is wanted where it says none.
  *
+ * @param most  bytes that the server takes
  * @returns {positions, notes}: [[x, y], ...] in metres, every millisecond, and what was made of the file
  * @throws as `send`
  */
-export async function requestCommand(file, speed, token) {
+export async function requestCommand(file, speed, token, most = Infinity) {
+  if (file.size > most) {
+    throw new Refusal(`This file has ${megabytes(file.size)} MB, and the server takes at most ${megabytes(most)} MB.`);
+  }
   const ask = (query) => send(`command${query}`, file, "application/octet-stream", token);
   let text;
   try {
@@ -98,14 +105,19 @@ export async function requestCommand(file, speed, token) {
   return { positions: command.position, notes };
 }
 
-/** What the server says of itself, or null: the page works without. */
+/** What the server says of itself, once it has started; or null: the page works without. */
 export async function requestInfo() {
   try {
-    const response = await fetch("info");
-    return response.ok ? await response.json() : null;
+    for (let tries = 0; tries < STARTING; tries++) {
+      const response = await fetch("info");
+      if (response.ok) return await response.json();
+      if (response.status !== 503) break;
+      await new Promise((resolve) => setTimeout(resolve, 1000));
+    }
   } catch {
-    return null;
+    // nothing is there that answers
   }
+  return null;
 }
 
 /**

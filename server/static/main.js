@@ -3,7 +3,10 @@
 import { curlOf, localPlanner, requestCommand, requestInfo } from "./api.js";
 import { copy, csvOf, film, plotsAsSvg, saveFile } from "./download.js";
 import { History, decode, encode } from "./drawing.js";
-import { EXAMPLES, PANS } from "./examples.js";
+import { ArmCard } from "./arm_card.js";
+import { Closing } from "./closing.js";
+import { Controls } from "./controls.js";
+import { EXAMPLES } from "./examples.js";
 import { DT, commandAlong, commandDocument, keepWithin, lengthOf } from "./path.js";
 import { listenToPen } from "./pen.js";
 import { Planning } from "./planning.js";
@@ -11,15 +14,16 @@ import { $, element, mm, number } from "./viewer/dom.js";
 import { RADIUS } from "./viewer/motion.js";
 import { Viewer, calm } from "./viewer/viewer.js";
 
-const REACH = 0.15;  // m from the start of a path, unless the server's model was trained on another
-const LONG = 1.5;  // s, the same for its duration
+const REACH = 0.15;  // m from the start of a path, unless the planner's model was trained on another
 const SETTLED = 250;  // ms after the last change of a slider, until it is planned with
-const SLIDERS = ["speed", "static", "kinetic"];
-const trainedOn = { reach: REACH, duration: LONG };
+let mostReach = () => REACH, mostBytes;
 
 const redraw = element("button", { id: "redraw", type: "button", className: "plain", textContent: "Draw again" });
-const viewer = new Viewer({ beside: [redraw], idle: showDraft });
+const closing = new Closing();
+const viewer = new Viewer({ beside: [...closing.parts, redraw], idle: showDraft, onShow: showBeside });
+const armCard = new ArmCard();
 const planning = new Planning();
+const controls = new Controls(change);
 const history = new History();
 
 /**
@@ -32,6 +36,7 @@ let planned = null, settling = 0;
 const pen = listenToPen(viewer.stage, {
   mayDraw: () => !viewer.plays,
   begins: () => {
+    if (closing.closed) return false;  // then a pointer pulls the object
     planning.stop();
     if (viewer.plays) drawAgain();
     return true;
@@ -51,25 +56,23 @@ const pen = listenToPen(viewer.stage, {
   },
 });
 
-const valueOf = (id) => $(id).valueAsNumber;
-const asked = () => ({ ...Object.fromEntries(SLIDERS.map((id) => [id, valueOf(id)])), limits: $("limits").value });
+/** The friction and the limits, as a server is told them. */
+const optionsNow = () => ({ friction: controls.friction, ...(controls.limited && { limits: controls.limits }) });
 
 /** What is asked of the server for what is on the pan now; null if that is no path. */
 function requestNow() {
-  if (!draft.command) return null;
-  const friction = { static: valueOf("static"), kinetic: valueOf("kinetic") };
-  const limits = $("limits").value && { limits: JSON.parse($("limits").value) };
-  const exact = draft.given ? { dt: DT, position: draft.command.positions } : commandDocument(draft.command.positions);
-  return { command: exact, friction, ...limits };
+  const { command, given } = draft;
+  if (!command) return null;
+  const exact = given ? { dt: DT, position: command.positions } : commandDocument(command.positions);
+  return { command: exact, ...optionsNow() };
 }
 
 /** Work out the command again, and show it. */
 function update() {
-  const { speed } = asked();
-  draft.command = draft.down ? null : draft.given ?? commandAlong(draft.drawn, { speed, reach: trainedOn.reach });
-  $("speed-value").textContent = `${number(speed, 2)} m/s`;
-  for (const id of ["static", "kinetic"]) $(`${id}-value`).textContent = number(valueOf(id), 2);
-  $("pan").value = PANS.findIndex((pan) => pan.static === valueOf("static") && pan.kinetic === valueOf("kinetic"));
+  const { speed } = controls;
+  draft.command = draft.down ? null : draft.given ?? commandAlong(draft.drawn, { speed, reach: mostReach() });
+  controls.show();
+  armCard.suggest(controls.arm);
   $("plan").setAttribute("aria-disabled", String(!draft.command));
   $("plan").textContent = planning.busy ? "Planning…" : planned ? "Plan again" : "Plan";
   $("undo").disabled = !history.canUndo;
@@ -90,12 +93,7 @@ function summary() {
   const parts = [`${number(command.length * 100, 0)} cm in ${number(duration, 2)} s.`];
   if (viewer.plays) parts.push(isStale() ? "Not planned yet." : planned.told);
   if (command.shrunk < 1) {
-    parts.push(`Shrunk to ${number(command.shrunk * 100, 0)} %, to stay within ` +
-      `${number(trainedOn.reach * 1e3, 0)} mm of its start.`);
-  }
-  if (duration > trainedOn.duration) {
-    parts.push(`Longer than the ${number(trainedOn.duration)} s that the model was trained on: ` +
-      "it may follow less well.");
+    parts.push(`Shrunk to ${number(command.shrunk * 100, 0)} %, to stay within ${mm(mostReach())} mm of its start.`);
   }
   if (command.notes?.length) parts.push(`Of the file: ${command.notes.join("; ")}.`);
   return parts.join(" ");
@@ -107,9 +105,16 @@ function showDraft() {
   $("hint").textContent = draft.pen ? "Arrow keys draw, with Shift finely; Enter plans, Esc clears" : "Draw on the pan";
 }
 
+/** What else is shown of the moment t (s) that is played. */
+function showBeside(t) {
+  closing.show();
+  armCard.show(viewer.player.motion, t);
+}
+
 /** Play a motion; or, if it is null, let the pan at rest be drawn on. */
-function turnTo(motion) {
+function turnTo(motion, { beside = false } = {}) {
   const plays = motion !== null;
+  if (!beside) closing.leave();
   $("stage-card").dataset.mode = plays ? "play" : "draw";
   $("transport").hidden = $("chip").hidden = !plays;
   $("hint").hidden = plays;
@@ -117,7 +122,19 @@ function turnTo(motion) {
     plays ? "The frying pan from above; on the moving pan the object slides along the path"
       : "Drawing area: the frying pan from above");
   $("stage").setAttribute("role", plays ? "img" : "application");
-  viewer.load(motion);
+  viewer.load(motion, { beside });
+}
+
+/** What is followed in closed loop: the plan that is played. */
+function beginLoop() {
+  planning.stop();
+  return planned;
+}
+
+function playLoop(loop) {
+  turnTo(loop ?? planned.motion, { beside: loop !== null });
+  viewer.player.play(true);
+  update();
 }
 
 function drawAgain() {
@@ -125,6 +142,8 @@ function drawAgain() {
   pen.lift();
   draft.pen = null;
   turnTo(null);
+  for (const id of ["quality", "plots"]) $(id).hidden = true;  // they are of what lay here before
+  armCard.show(null, 0);
   update();
 }
 
@@ -137,7 +156,7 @@ function remember() {
 
 function keepInAddress() {
   if (draft.drawn.length < 2) return;
-  globalThis.history.replaceState(null, "", `#${encode({ points: draft.drawn, ...asked() })}`);
+  globalThis.history.replaceState(null, "", `#${encode({ points: draft.drawn, ...controls.kept })}`);
 }
 
 /** Put a drawing on the pan and plan it. */
@@ -171,9 +190,10 @@ async function plan() {
   say("");
   const token = $("token").value, whole = JSON.stringify(request);
   try {
-    const answers = planning.ask(request, draft.command.positions, token);
+    const { positions } = draft.command, options = optionsNow();
+    const answers = planning.ask(request, positions, token);
     update();
-    for await (const answer of answers) show(answer, whole);
+    for await (const answer of answers) show({ ...answer, positions, options }, whole);
   } catch (error) {
     if (error.name === "AbortError") return;
     if (error.status === 401) $("token-row").hidden = false;
@@ -183,9 +203,9 @@ async function plan() {
   }
 }
 
-function show({ body, text, plan: document, motion, took, better }, whole) {
+function show({ body, text, plan: document, motion, took, better, positions, options }, whole) {
   const before = planned?.asked === whole && viewer.plays ? viewer.player : null;
-  planned = { asked: whole, body, text, plan: document, motion };
+  planned = { asked: whole, body, text, plan: document, motion, positions, options };
   planned.told = toldOf(took, motion.quality, better);
   const paused = before && !before.playing ? before.t : null;
   $("how").hidden = true;
@@ -218,22 +238,34 @@ async function findPlanner() {
   const info = await requestInfo();
   const own = info ? null : await localPlanner(say);
   planning.mayAsk(info?.settings);
-  $("limits-row").hidden = own !== null;  // the page's own planner has the limits of its model
-  takeFrom((info ?? own?.info)?.model);
+  mostBytes = info?.settings.max_body;
+  const { model } = info ?? own?.info ?? {};
+  takeFrom(model);
+  $("limits-row").hidden = own !== null && !model.trained_on.pan_reach;  // else its own limits hold
   for (const part of [$("file").parentElement, $("interface")]) part.hidden = own !== null;
+  closing.offer(info !== null && !info.settings.token_needed);  // a page can show no token when it opens a stream
+  showLinks(info?.links ?? {});
   return own;
+}
+
+/** Where there is more to read, as far as whoever runs this says so; addresses come from the server. */
+function showLinks(links) {
+  for (const id of ["documents", "source"]) {
+    const address = links[id] ?? document.querySelector(`meta[name=${id}]`)?.content;
+    const { href, protocol } = new URL(address ?? "", document.baseURI);
+    if (address && /^https?:$/.test(protocol)) Object.assign($(id), { href, hidden: false });
+  }
 }
 
 /** Whatever differs from what the page takes for granted: the model's name, and what it was trained on. */
 function takeFrom(model) {
   const known = model?.trained_on;
   if (!known) return;
-  trainedOn.reach = known.reach?.[1] ?? REACH;
-  trainedOn.duration = known.samples ? known.samples[1] * DT : LONG;
+  const farthest = known.reach?.[1] ?? REACH;  // of a network for every pan as a share of the pan's own reach
+  mostReach = known.pan_reach ? () => farthest * controls.limits.pan_reach : () => farthest;
   const { sizes } = model;
   if (sizes) Object.assign(RADIUS, { pan: sizes.pan_radius, object: sizes.object_radius });
-  for (const id of SLIDERS) if (known[id]) $(id).max = known[id][1];
-  for (const id of ["static", "kinetic"]) if (known[id]) $(id).min = known[id][0];
+  controls.takeFrom(model);
   $("footer").textContent = `Model ${model.name}, sha256 ${model.sha256}.`;
   update();
 }
@@ -244,7 +276,7 @@ async function openFile() {
   if (!file) return;
   say("");
   try {
-    const { positions, notes } = await requestCommand(file, valueOf("speed"), $("token").value);
+    const { positions, notes } = await requestCommand(file, controls.speed, $("token").value, mostBytes);
     const drawn = positions.filter((_, k) => k % 5 === 0 || k === positions.length - 1);
     const drawing = { drawn, given: { positions, notes, length: lengthOf(drawn), shrunk: 1 } };
     history.add(drawing);
@@ -273,6 +305,7 @@ function change() {
 }
 
 function listen() {
+  closing.listen(viewer.stage, { begin: beginLoop, take: playLoop, play: () => viewer.player.play(true), say });
   for (const { name, points } of EXAMPLES) {
     const button = element("button", { type: "button", className: "plain", textContent: name });
     button.addEventListener("click", () => {
@@ -281,21 +314,6 @@ function listen() {
     });
     $("examples").append(button);
   }
-  $("pan").append(element("option", { value: -1, textContent: "as set below" }),
-    ...PANS.map(({ name }, index) => element("option", { value: index, textContent: name })));
-  $("pan").addEventListener("input", () => {
-    const { static: hold, kinetic } = PANS[$("pan").value] ?? {};
-    if (hold) Object.assign($("static"), { value: hold }), Object.assign($("kinetic"), { value: kinetic });
-    change();
-  });
-  for (const id of SLIDERS) {
-    $(id).addEventListener("input", () => {  // friction at rest is never less than while sliding
-      if (id === "static" && valueOf("kinetic") > valueOf("static")) $("kinetic").value = valueOf("static");
-      if (id === "kinetic" && valueOf("static") < valueOf("kinetic")) $("static").value = valueOf("kinetic");
-      change();
-    });
-  }
-  $("limits").addEventListener("input", change);
   $("controls").addEventListener("submit", (event) => {
     event.preventDefault();
     plan();
@@ -328,8 +346,7 @@ function start() {
   listen();
   const linked = decode(location.hash.slice(1));
   if (linked) {
-    for (const id of SLIDERS) if (linked[id]) $(id).value = linked[id];
-    if ([...$("limits").options].some(({ value }) => value === linked.limits)) $("limits").value = linked.limits;
+    controls.restore(linked);
     draft.drawn = linked.points.map((point) => keepWithin(point, RADIUS.pan - RADIUS.object));
   } else {
     markExample(EXAMPLES[1].name);

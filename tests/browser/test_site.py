@@ -262,3 +262,10 @@ def test_browser_without_webassembly_is_told_so(server: ThreadingHTTPServer, pag
     page.goto(f"http://127.0.0.1:{server.server_port}/")
     page.wait_for_selector("#message:not([hidden])")
     assert "it has no WebAssembly" in page.inner_text("#message")
+
+
+def test_three_js_of_the_page_is_what_its_source_builds(tmp_path: Path) -> None:
+    script = json.loads((BROWSER / "package.json").read_text(encoding="utf-8"))["scripts"]["three"]
+    *build, _ = script.split()
+    run("npx", *build, f"--outfile={tmp_path / 'three.js'}")
+    assert (tmp_path / "three.js").read_bytes() == (ROOT / "server/static/three/three.js").read_bytes()

@@ -157,6 +157,13 @@ def server() -> Iterator[Running]:
         yield it
 
 
+@pytest.fixture(scope="session")
+def page_server() -> Iterator[Running]:
+    """A patient server that refines nothing: uncompiled that would take long."""
+    with running(max_wait=20.0, deadline=20.0) as it:
+        yield it
+
+
 def wait_for(condition: Callable[[], bool], seconds: float = 30.0) -> None:
     """Wait until a condition holds; fails if it does not within that time."""
     until = time.monotonic() + seconds

@@ -2,6 +2,7 @@
 
 export const GRAVITY = 9.8;  // m/s^2, the law of friction's
 export const RADIUS = { pan: 0.18, object: 0.03 };  // m, where neither a plan nor a server says otherwise
+const ROUNDING = 1e-6;  // m: a report's numbers are rounded
 const EYE = 0.8;  // m above the middle at least, from where a pan that lifts is seen
 const DRAWN = 6000;  // samples at most; of a longer plan every n-th is drawn, its figures are of all
 
@@ -94,8 +95,9 @@ export function locate({ time }, t) {
 export const valueAt = (values, { k, next, share }) => values[k] + (values[next] - values[k]) * share;
 export const pointAt = ({ x, y }, place) => [valueAt(x, place), valueAt(y, place)];
 
-/** What the object does at time t (s): "sticks", "slides", or "off the pan", its middle being beyond the rim. */
+/** What the object does at time t (s): "sticks", "slides", or "off the pan", its edge being over the rim. */
 export function stateAt(motion, t) {
-  if (Math.hypot(...pointAt(motion.object, locate(motion, t))) > motion.radius.pan) return "off the pan";
+  const { pan, object } = motion.radius;
+  if (Math.hypot(...pointAt(motion.object, locate(motion, t))) > pan - object + ROUNDING) return "off the pan";
   return motion.slip.some(([from, to]) => from <= t && t < to) ? "slides" : "sticks";
 }

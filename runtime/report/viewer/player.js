@@ -66,6 +66,7 @@ export class Player {
     $("scrub").value = t;
     $("scrub").setAttribute("aria-valuetext", `${this.seconds(t)} seconds, the object ${state}`);
     $("now").textContent = this.seconds(t);
+    if (this.motion.goOn) this.resize();
     this.onShow();
   }
 
@@ -82,17 +83,23 @@ export class Player {
 
   seek(t) {
     this.play(false);
-    this.t = Math.min(Math.max(t, 0), this.motion.end);
+    this.t = Math.min(Math.max(t, 0), this.motion.made ?? this.motion.end);
     this.show();
   }
 
   #tick(now) {
     if (!this.playing) return;
-    this.t += Math.max(now - this.#last, 0) / 1e3 * this.rate;
+    this.t = this.#after(this.t + Math.max(now - this.#last, 0) / 1e3 * this.rate);
     this.#last = now;
-    if (this.t > this.motion.end + REST * this.rate) this.t = 0;
     this.show();
     requestAnimationFrame((next) => this.#tick(next));
+  }
+
+  /** What the clock shows where it would show t: a motion may be made while it is played, and each starts over. */
+  #after(t) {
+    const rest = REST * this.rate;
+    if (this.motion.goOn) return this.motion.goOn(t, rest);
+    return t > this.motion.end + rest ? 0 : t;
   }
 
   /** When the object sticks and when it slides, behind the slider. */

@@ -87,11 +87,11 @@ export class Plots {
   }
 
   show(now, at) {
-    const place = locate(this.motion, at);
+    const place = locate(this.motion, at), { end } = this.motion;  // of a plan; what is played beside it may be longer
     for (const { head, pointer, across, readings, digits } of this.#plots) {
-      head.style.transform = `translateX(${across(now)}px)`;
+      head.style.transform = `translateX(${across(Math.min(now, end))}px)`;
       pointer.hidden = this.player.hover === null;
-      pointer.style.transform = `translateX(${across(at)}px)`;
+      pointer.style.transform = `translateX(${across(Math.min(at, end))}px)`;
       pointer.dataset.time = `${this.player.seconds(at)} s`;
       for (const { reading, values } of readings) reading.textContent = number(valueAt(values, place), digits);
     }

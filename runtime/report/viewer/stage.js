@@ -4,6 +4,8 @@ import { number, roundStep } from "./dom.js";
 import { RADIUS, locate, pointAt, stateAt, valueAt } from "./motion.js";
 
 const BEAT = 50;  // samples between the dots along a command: close where it is slow
+const RIM = 1.065;  // of the pan's radius, which is that of its floor: there the object's edge meets the rim
+const AROUND = 1.1;  // of the radius: how much is seen of a pan at rest
 const FLOOR_STEP = 52;  // pixels at least between the lines of the floor
 const COLORS = ["stage-grid", "stage-ink", "pan", "object", "bad", "track-1", "track-2", "track-3", "track-4"];
 const ON_PAN = {  // the pan is dark by day and by night
@@ -45,6 +47,8 @@ export class Stage {
     this.colors = {};  // of the page, for what lies beside the pan
     this.dashes = {};  // of the tracks
     this.scale = 1;  // pixels per metre
+    this.middle = [0, 0];  // of what is drawn, in pixels
+    this.place = { x: 0, y: 0, nearer: 1 };  // of the pan in it (m), and how much larger it is drawn
     this.resize();
   }
 
@@ -68,11 +72,11 @@ export class Stage {
     this.sprite = null;  // its colours may have changed
   }
 
-  /** Where on the pan, as it is drawn for a draft, a pointer is: [x, y] in metres. */
+  /** Where on the pan, as it is drawn now, a pointer is: [x, y] in metres. */
   toMetres({ clientX, clientY }) {
-    const box = this.canvas.getBoundingClientRect();
-    const scale = Math.min(box.width, box.height) / 2 / (RADIUS.pan * 1.08);
-    return [(clientX - box.left - box.width / 2) / scale, -(clientY - box.top - box.height / 2) / scale];
+    const box = this.canvas.getBoundingClientRect(), { middle, place, scale } = this;
+    const x = (clientX - box.left - middle[0]) / scale - place.x, y = (middle[1] + box.top - clientY) / scale - place.y;
+    return [x / place.nearer, y / place.nearer];
   }
 
   /**
@@ -83,23 +87,32 @@ export class Stage {
    * @param pen  [x, y] where a pen moved by keys is, or null
    */
   drawDraft({ drawn, positions, pen }) {
-    this.#begin(RADIUS.pan * 1.08, 0);
+    const farthest = (positions ?? []).reduce((most, [x, y]) => Math.max(most, Math.hypot(x, y)), 0) + RADIUS.object;
+    this.#begin(Math.max(RADIUS.pan * AROUND, farthest * 1.04), 0);
     this.#floor([0, 0]);
     this.#pan(RADIUS.pan);
+    this.place = { x: 0, y: 0, nearer: 1 };
     if (positions) {
-      const start = positions[0];
-      this.#stroke(polyline(positions), ON_PAN.command, 1.5, [5, 5]);
-      for (let k = BEAT; k < positions.length - 1; k += BEAT) {
-        this.#fill(disc(...positions[k], 2 / this.scale), ON_PAN.command);
-      }
-      this.#stroke(disc(...positions.at(-1), 5.5 / this.scale), ON_PAN.command, 1.8);
-      this.#object(start, RADIUS.object, ON_PAN.pan);
+      this.#parted(RADIUS.pan, farthest, (colors) => this.#draft(positions, colors));
     } else if (drawn.length) {
       this.#stroke(polyline(drawn), ON_PAN.command, 2.2);
       this.#object(drawn[0], RADIUS.object, ON_PAN.pan);
     }
     if (pen) this.#stroke(disc(...pen, 7 / this.scale), ON_PAN.object, 2);
     this.#end();
+  }
+
+  /** A command, with dots along it, and in red where the object would be over the rim. */
+  #draft(positions, colors) {
+    this.#stroke(polyline(positions), colors.command, 1.5, [5, 5]);
+    for (let k = BEAT; k < positions.length - 1; k += BEAT) {
+      this.#fill(disc(...positions[k], 2 / this.scale), colors.command);
+    }
+    for (const [x, y] of positions) {
+      if (Math.hypot(x, y) > RADIUS.pan - RADIUS.object + 1e-6) this.#fill(disc(x, y, 2 / this.scale), colors.bad);
+    }
+    this.#stroke(disc(...positions.at(-1), 5.5 / this.scale), colors.command, 1.8);
+    this.#object(positions[0], RADIUS.object, colors.pan);
   }
 
   /**
@@ -115,10 +128,12 @@ export class Stage {
     const [x, y] = pointAt(pan, place);
     const world = still ? [-x, -y] : [0, 0];
     this.#shifted(world, () => this.#floor(world));
+    const height = motion.lifts ? valueAt(pan.z, place) : 0;
+    this.place = { x: world[0] + x, y: world[1] + y, nearer: eye / (eye - height) };
     this.#shifted([world[0] + x, world[1] + y], () => {
-      if (motion.lifts) this.#lift(valueAt(pan.z, place), radius.pan);
+      if (motion.lifts) this.#lift(height, radius.pan);
       this.#pan(radius.pan);
-      this.#parted(radius.pan, (colors) => this.#motions(t, place, colors));
+      this.#parted(radius.pan, motion.farthest + radius.object, (colors) => this.#motions(t, place, colors));
     });
     this.#shifted(world, () => this.#reach(place));
     this.#end();
@@ -138,12 +153,12 @@ export class Stage {
   }
 
   /** Draw in the colours of the pan what lies on it, and in those of the page what lies beyond its rim. */
-  #parted(radius, draw) {
-    if (this.motion.farthest + this.motion.radius.object <= radius) {
+  #parted(radius, farthest, draw) {
+    if (farthest <= radius * RIM) {
       draw(ON_PAN);
       return;
     }
-    const rim = disc(0, 0, radius), beyond = new Path2D(rim), far = 4 * this.half;
+    const rim = disc(0, 0, radius * RIM), beyond = new Path2D(rim), far = 4 * this.half;
     beyond.rect(-far, -far, 2 * far, 2 * far);
     for (const [region, colors] of [[rim, ON_PAN], [beyond, this.colors]]) {
       this.context.save();
@@ -167,6 +182,8 @@ export class Stage {
     }
     this.#object(pointAt(object, place), radius.object, colors[OBJECT_COLOR[stateAt(this.motion, t)]]);
     this.#stroke(disc(...pointAt(command, place), 5.5 / this.scale), colors.command, 1.8);
+    const { pulled } = this.motion;  // by a pointer, to there
+    if (pulled) this.#stroke(polyline([pointAt(object, place), pulled]), colors.command, 3);
   }
 
   #begin(half, aside) {
@@ -176,7 +193,8 @@ export class Stage {
     this.step = roundStep(FLOOR_STEP / this.scale);
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     context.clearRect(0, 0, width, height);
-    context.translate(width / 2 + aside * Math.max(0, width - height) / 2, height / 2);  // room for the handle
+    this.middle = [width / 2 + aside * Math.max(0, width - height) / 2, height / 2];  // aside: room for the handle
+    context.translate(...this.middle);
     context.scale(this.scale, -this.scale);
     context.lineCap = context.lineJoin = "round";
   }
@@ -259,7 +277,7 @@ export class Stage {
     outline.bezierCurveTo(-r * 1.22, 0.012, -r * 1.5, 0.011, -r * 1.9, 0.0155);
     outline.arc(-r * 2.06, 0, 0.0165, Math.PI / 2, -Math.PI / 2);
     outline.bezierCurveTo(-r * 1.5, -0.011, -r * 1.22, -0.012, -r * 0.96, -0.021);
-    outline.arc(0, 0, r, Math.PI + 0.12, Math.PI - 0.12);
+    outline.arc(0, 0, r * RIM, Math.PI + 0.12, Math.PI - 0.12);
     const pixels = this.scale * devicePixelRatio;  // a shadow knows no transform
     context.save();
     Object.assign(context, { shadowColor: CAST_IRON.shadow, shadowBlur: 0.03 * pixels });
@@ -269,9 +287,9 @@ export class Stage {
     this.#stroke(outline, CAST_IRON.edge, 1.5);
     this.#fill(disc(-r * 2.06, 0, 0.0062), this.colors["stage-grid"]);
     this.#stroke(new Path2D(`M${-r * 1.16} 0H${-r * 1.9}`), CAST_IRON.groove, 1);
-    this.#fill(disc(0, 0, r), polished(CAST_IRON.rim));
-    this.#fill(disc(0, 0, r * 0.935), polished(CAST_IRON.floor));
-    this.#stroke(disc(0, 0, r), CAST_IRON.edge, 1.5);
+    this.#fill(disc(0, 0, r * RIM), polished(CAST_IRON.rim));
+    this.#fill(disc(0, 0, r), polished(CAST_IRON.floor));
+    this.#stroke(disc(0, 0, r * RIM), CAST_IRON.edge, 1.5);
     for (const part of [0.35, 0.6, 0.82]) this.#stroke(disc(0, 0, r * part), CAST_IRON.ring, 1);
   }
 

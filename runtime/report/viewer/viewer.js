@@ -11,12 +11,16 @@ export const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches
 
 /** Draws into the elements #stage, #chip, #transport, #verdict, #plots and, where there is one, #paths. */
 export class Viewer {
-  /** @param beside  more controls, beside the player's; @param idle  () draws the stage while no motion is loaded */
-  constructor({ beside = [], idle = () => {} } = {}) {
+  /**
+   * @param beside  more controls, beside the player's
+   * @param idle  () draws the stage while no motion is loaded
+   * @param onShow  (t) after a moment of the motion was shown
+   */
+  constructor({ beside = [], idle = () => {}, onShow = () => {} } = {}) {
     this.stage = new Stage($("stage"));
     this.player = new Player($("transport"), beside, () => this.show());
     this.plots = [new Plots($("plots"), this.player), ...($("paths") ? [new Paths($("paths"))] : [])];
-    this.idle = idle;
+    Object.assign(this, { idle, onShow });
     addEventListener("resize", () => this.layOut());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layOut());
   }
@@ -25,13 +29,15 @@ export class Viewer {
     return this.player.motion !== null;
   }
 
-  /** Take a motion, or null, and show its beginning. */
-  load(motion) {
+  /** Take a motion, or null, and show its beginning; `beside` the plan of it, whose plots and quality stay. */
+  load(motion, { beside = false } = {}) {
     this.player.load(motion);
     if (motion) {
       this.stage.load(motion);
-      for (const plots of this.plots) plots.load(motion);
-      showQuality($("verdict"), motion);
+      if (!beside) {
+        for (const plots of this.plots) plots.load(motion);
+        showQuality($("verdict"), motion);
+      }
       this.#fillLegend(motion);
     }
     this.layOut();
@@ -46,6 +52,7 @@ export class Viewer {
     const { motion, t, hover } = this.player, now = Math.min(t, motion.end);
     this.stage.drawMotion(now, $("still").checked);
     for (const plots of this.plots) plots.show(now, hover ?? now);
+    this.onShow(now);
   }
 
   /** Fit everything to the window and to its colours. */
