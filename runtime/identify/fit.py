@@ -42,9 +42,9 @@ SETTLED = 1e-4
 TRIED = 18
 """Static frictions that are tried for its interval."""
 
-LIKELY = 9.0
-"""What the squared distances, over the noise's square, may grow by inside a 95 % interval: more than the 3.84 of a
-smooth problem, since where the object breaks away the squares jump."""
+LIKELY = 25.0
+"""What the squared distances, over the noise's square, may grow by inside a 95 % interval: far more than the 3.84 of a
+smooth problem, since where the object breaks away the squares jump, and no fit finds the least of them for sure."""
 
 WIDER = 1.5
 """Times that an interval by derivatives is too narrow for the same reason."""
@@ -57,6 +57,9 @@ LEAST_NOISE = 1e-5
 
 SLIDES = 0.02
 """Speed (m/s) above which the object slides for sure."""
+
+SLOW = 0.08
+"""Speed (m/s) up to which the object may as well rest at the begin of a piece."""
 
 ENOUGH_SLIDING = 0.05
 """Share of the time that it must slide for its kinetic friction to show."""
@@ -198,7 +201,7 @@ def fit(log: Log, noise: float | None = None) -> Fit:
     pieces = _pieces(log)
     law, begins = _first_guess(log, pieces, sigma)
     law, begins = _solve(pieces, law, begins, sigma)
-    law, begins, static = _static_interval(pieces, law, begins, sigma)
+    law, begins, static, kinetic_between = _intervals(pieces, law, begins, sigma)
 
     left = np.concatenate(_residuals(pieces, law, begins))
     weights = _weights(left, sigma)
@@ -208,7 +211,8 @@ def fit(log: Log, noise: float | None = None) -> Fit:
     speeds = [np.hypot(*slide_one(b, p.u, law.friction)[:, 2:].T) for p, b in zip(pieces, begins, strict=True)]
     sliding = float(np.mean(np.concatenate(speeds) > SLIDES))
     spread = 2.0 * WIDER * math.sqrt(max(covariance[0, 0], 0.0))
-    kinetic = (max(0.0, law.kinetic - spread), law.kinetic + spread) if sliding > ENOUGH_SLIDING else None
+    low, high = kinetic_between
+    kinetic = (max(0.0, low - spread), high + spread) if sliding > ENOUGH_SLIDING else None
     predicted = np.concatenate([piece.position for piece in pieces]) - left
     return Fit(
         friction=law.friction,
@@ -393,18 +397,23 @@ def _solve(
     return law, begins
 
 
-def _static_interval(
+def _intervals(
     pieces: list[Piece], law: Law, begins: list[FloatArray], sigma: float
-) -> tuple[Law, list[FloatArray], tuple[float, float]]:
-    """Try static frictions, and return the best of all, with the interval of those that explain the log as well."""
+) -> tuple[Law, list[FloatArray], tuple[float, float], tuple[float, float]]:
+    """Try static frictions, and return the best of all, with the interval of those that explain the log as well.
+
+    The second interval is that of the kinetic friction which goes with each of them.
+    """
     peak = max(float(np.hypot(piece.u[:, 0], piece.u[:, 1]).max()) for piece in pieces) / GRAVITY
     top = max(1.1 * peak, 1.2 * law.kinetic)
     tried = np.unique(np.concatenate([np.geomspace(max(law.kinetic, LEAST), top, TRIED), [law.static]]))
-    outcomes = []
-    for static in tried.tolist():
+    outcomes, costs = [], np.empty(len(tried))
+    for index, static in enumerate(tried.tolist()):
         held = law._replace(static=static)
-        outcomes.append(_solve(pieces, held, begins, sigma, hold_static=True, most=3))
-    costs = np.array([_cost(np.concatenate(_residuals(pieces, *each)), sigma) for each in outcomes])
+        found = [_solve(pieces, held, guess, sigma, hold_static=True, most=5) for guess in (begins, _resting(begins))]
+        squares = [_cost(np.concatenate(_residuals(pieces, *each)), sigma) for each in found]
+        outcomes.append(found[int(np.argmin(squares))])
+        costs[index] = min(squares)
     best = int(costs.argmin())
     law, begins = _solve(pieces, *outcomes[best], sigma, hold_static=True)
     scale = max(1.0, float(costs[best]) / max(1.0, 2.0 * sum(len(piece.time) for piece in pieces)))
@@ -412,7 +421,13 @@ def _static_interval(
     first, last = int(likely.argmax()), len(tried) - 1 - int(likely[::-1].argmax())
     low = float(tried[first - 1]) if first > 0 else 0.0
     high = float(tried[last + 1]) if last < len(tried) - 1 else MAX_COEFFICIENT
-    return law, begins, (max(low, 0.0), high)
+    kinetic = [law.kinetic, *(outcome[0].kinetic for outcome, holds in zip(outcomes, likely, strict=True) if holds)]
+    return law, begins, (max(low, 0.0), high), (min(kinetic), max(kinetic))
+
+
+def _resting(begins: list[FloatArray]) -> list[FloatArray]:
+    """Return begins with those at rest that move slowly: no derivative leads from a slow object to one that sticks."""
+    return [np.where(np.hypot(*begin[2:]) < SLOW, begin * [1.0, 1.0, 0.0, 0.0], begin) for begin in begins]
 
 
 def _covariance(pieces: list[Piece], law: Law, begins: list[FloatArray], weights: FloatArray) -> FloatArray:
