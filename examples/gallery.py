@@ -159,8 +159,8 @@ def flower(share: Array) -> Array:
 
 
 GALLERY = (
-    Entry("eight", "An eight", "Twice along a figure eight.", eight, 3.0),
-    Entry("stir", "Stir", "Three rounds, each wider than the one before.", stir, 3.0),
+    Entry("eight", "An eight", "Twice along a figure eight.", eight, 3.2),
+    Entry("stir", "Stir", "Three rounds, each wider than the one before.", stir, 3.6),
     Entry("shuffle", "Shuffle", "To and fro, as one shakes what must not stick to the pan.", shuffle, 2.4),
     Entry("sort", "Sort", "One to the left, one to the right, with a rest at every place.", sort, 3.2),
     Entry("word", "A word", "The word elle, in one line.", word, 3.6),

@@ -10,8 +10,9 @@ sweep of your own, change BASE, TRIED and `settings`: they may name any key of a
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import mean
 from typing import Any
 
 import optuna
@@ -25,8 +26,8 @@ from train.learn.trainer import Progress, Trainer
 BASE = "smoke"
 """The configuration that trials begin with."""
 
-LENGTH: dict[str, Any] = {"epochs": 6, "trajectories": 2048, "batch": 32}
-"""What all trials have in common: half a minute of training, to see which settings learn fastest."""
+LENGTH: dict[str, Any] = {"epochs": 4, "trajectories": 1024, "batch": 32}
+"""What all trials have in common: ten seconds of training, to see which settings learn fastest."""
 
 TRIED = ("units", "learning_rate", "gamma", "average")
 """Keys of the configuration that the trials differ in."""
@@ -45,31 +46,26 @@ def settings(trial: Trial) -> dict[str, Any]:
     }
 
 
-def error_of(validation: dict[str, float]) -> float:
-    """Return the mean tracking error (m) over the pans that a run is validated with."""
-    errors = [value for name, value in validation.items() if name.endswith("_tracking")]
-    return sum(errors) / len(errors)
-
-
 def train(config: AnyConfig, run: Path, at_epoch: Callable[[int, float], None]) -> float:
-    """Train, and return the error (m).
+    """Train, and return the mean tracking error of the last epoch (m), whose trajectories are the same in each trial.
 
     Args:
         config: what to train.
         run: folder of the run.
-        at_epoch: is told the number of an epoch and its error (m), and may end the run by raising.
+        at_epoch: is told the number of an epoch and its mean error (m), and may end the run by raising.
     """
-    trainer = Trainer(config, run)
+    trainer, errors = Trainer(config, run), list[float]()
 
     def report(progress: Progress) -> None:
-        if trainer.epoch and progress.step % trainer.steps_per_epoch == 1:
-            at_epoch(trainer.epoch, error_of(trainer.validation))
+        errors.append(progress.tracking)
+        if len(errors) % trainer.steps_per_epoch == 0:
+            at_epoch(progress.epoch, mean(errors[-trainer.steps_per_epoch :]))
 
     trainer.train(report)
-    return error_of(trainer.validation)
+    return mean(errors[-trainer.steps_per_epoch :])
 
 
-def objective(folder: Path) -> Callable[[Trial], float]:
+def objective(folder: Path, length: Mapping[str, Any]) -> Callable[[Trial], float]:
     """Return what a trial does; one that is behind the others is given up."""
 
     def run(trial: Trial) -> float:
@@ -78,10 +74,25 @@ def objective(folder: Path) -> Callable[[Trial], float]:
             if trial.should_prune():
                 raise optuna.TrialPruned
 
-        config = load_config(BASE, **LENGTH | settings(trial))
+        config = load_config(BASE, **{**length, **settings(trial)})
         return train(config, folder / f"trial-{trial.number}", at_epoch)
 
     return run
+
+
+def sweep(folder: Path, trials: int, length: Mapping[str, Any] = LENGTH) -> list[FrozenTrial]:
+    """Run trials until there are so many, with those that the folder has already, and return all of them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    study = optuna.create_study(
+        storage=JournalStorage(JournalFileBackend(str(folder / "study.log"))),
+        study_name=BASE,
+        load_if_exists=True,
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=4),
+    )
+    study.sampler = optuna.samplers.TPESampler(seed=len(study.trials))  # which goes on otherwise than it began
+    ended = sum(trial.state.is_finished() for trial in study.trials)
+    study.optimize(objective(folder, length), n_trials=max(0, trials - ended))
+    return study.trials
 
 
 def table(trials: Sequence[FrozenTrial]) -> str:
@@ -91,7 +102,7 @@ def table(trials: Sequence[FrozenTrial]) -> str:
     lines = [f"| trial | {' | '.join(TRIED)} | epochs | error (mm) |", "|---" * (len(TRIED) + 3) + "|"]
     for trial in ended:
         chosen = " | ".join(f"{trial.params[name]:.3g}" for name in TRIED)
-        epochs = LENGTH["epochs"] if trial.state == TrialState.COMPLETE else trial.last_step
+        epochs = "all" if trial.state == TrialState.COMPLETE else trial.last_step
         lines.append(f"| {trial.number} | {chosen} | {epochs} | {(trial.value or 0.0) * MM:.1f} |")
     return "\n".join(lines)
 
@@ -102,17 +113,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=12, help="trials in all, with those that were run before")
     parser.add_argument("--folder", type=Path, default=Path("out/sweep"))
     given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
-    study = optuna.create_study(
-        storage=JournalStorage(JournalFileBackend(str(given.folder / "study.log"))),
-        study_name=BASE,
-        load_if_exists=True,
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=4),
-    )
-    begun = sum(trial.state.is_finished() for trial in study.trials)
-    study.sampler = optuna.samplers.TPESampler(seed=len(study.trials))  # goes on differently than it began
-    study.optimize(objective(given.folder), n_trials=max(0, given.trials - begun))
-    text = table(study.trials)
+    text = table(sweep(given.folder, given.trials))
     (given.folder / "table.md").write_text(text + "\n", encoding="utf-8")
     print(text)
 

@@ -42,7 +42,7 @@ def test_every_plan_follows_its_command_and_leaves_the_object_at_its_end(made: l
     for each in made:
         quality = each.plan.quality
         assert quality.status in ("ok", "governed"), each.entry.name
-        assert quality.tracking_rmse < 3e-3, each.entry.name
+        assert quality.tracking_rmse < 4e-3, each.entry.name
         assert quality.rest_error is not None
         assert quality.rest_error < 5e-3, each.entry.name
 
