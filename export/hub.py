@@ -37,6 +37,8 @@ CITATION = """@article{kutsuzawa2018sequence,
 MM = 1e3
 """Millimetres in a metre."""
 
+NO_WEIGHTS = "There are no weights in floats here to train on with."
+
 READABLE = 0o644
 
 
@@ -120,7 +122,7 @@ def card(manifest: Manifest, with_weights: bool) -> str:
         units=manifest.units,
         precision=manifest.precision,
         metrics="".join(map(_metric, errors, errors.values())) or " []",
-        train_on=train_on(with_weights),
+        train_on=train_on(manifest.units) if with_weights else NO_WEIGHTS,
         limits=_rows(limits),
         ranges=_rows(ranges),
         static=f"{manifest.friction.static:g}",
@@ -143,11 +145,9 @@ def _metric(name: str, value: float) -> str:
         metrics: [{{type: rmse, name: Tracking RMSE (mm), value: {value:.2f}}}]"""
 
 
-def train_on(with_weights: bool) -> str:
-    """Return how to train on with the weights."""
-    if not with_weights:
-        return "There are no weights in floats here to train on with."
+def train_on(units: int) -> str:
+    """Return how to train on with the weights of a network of so many units."""
     return (
-        f"`{WEIGHTS_FILE}` has the weights in floats, to train on with (extras `hub` and `train`):\n\n"
-        "    slide-train my_robot.json --init hf://USER/NAME"
+        f"`{WEIGHTS_FILE}` has the weights in floats, to train on with, by a configuration of {units} units (extras "
+        "`hub` and `train`):\n\n    slide-train my_robot.json --init hf://USER/NAME"
     )
