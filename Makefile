@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run demo-arm serve test test-short nightly check notebooks docs site bench bench-server soak clean
+.PHONY: help run demo-arm serve test test-short nightly check notebooks notebooks-shown docs site bench bench-server soak clean
 
 help: ## list the verbs
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -46,6 +46,9 @@ notebooks: $(VENV)/dev.stamp ## run the notebooks of examples/notebooks, and wri
 	  examples/notebooks/*.ipynb
 
 MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+notebooks-shown: $(VENV)/dev.stamp ## run the notebooks in full, ten minutes, and keep in them what they show
+	$(BIN)/python -m nbconvert --log-level WARN --to notebook --execute --inplace \
+	  --ExecutePreprocessor.record_timing=False --ExecutePreprocessor.coalesce_streams=True examples/notebooks/*.ipynb
 
 docs: $(VENV)/dev.stamp ## the documentation as a site, in out/site
 	$(MKDOCS)

@@ -1,10 +1,10 @@
 """A sweep: many short trainings of a small network, each with other settings, chosen by Optuna from those before.
 
     pip install -c constraints.txt './[train,sweep]'
-    python examples/sweep.py [--trials 12] [--folder out/sweep]
+    python examples/sweep.py [--trials 10] [--folder out/sweep]
 
 The folder then has each trial's run, the study, which the same command goes on with, and the table as Markdown. For a
-sweep of your own, change BASE, TRIED and `settings`: they may name any key of a configuration.
+sweep of your own, change BASE, COMMON, TRIED and `settings`: they may name any key of a configuration.
 """
 
 from __future__ import annotations
@@ -26,8 +26,22 @@ from train.learn.trainer import Progress, Trainer
 BASE = "smoke"
 """The configuration that trials begin with."""
 
-LENGTH: dict[str, Any] = {"epochs": 4, "trajectories": 1024, "batch": 32}
-"""What all trials have in common: ten seconds of training, to see which settings learn fastest."""
+COMMON: dict[str, Any] = {
+    "epochs": 6,
+    "trajectories": 768,
+    "batch": 32,
+    "warm_up": 10,
+    "disturbed_from": 1.0,
+    "asked_from": 1.0,
+    "static": (0.05, 0.3),
+    "level": 1.0,
+    "usual_reach": 1.0,
+    "acceleration": (25.0, 35.0),
+    "strength": (25.0, 35.0),
+    "most": 1.0,
+    "far_share": 0.0,
+}
+"""What all trials have in common: ten seconds of training, on slippery pans that stay level."""
 
 TRIED = ("units", "learning_rate", "gamma", "average")
 """Keys of the configuration that the trials differ in."""
@@ -65,7 +79,7 @@ def train(config: AnyConfig, run: Path, at_epoch: Callable[[int, float], None]) 
     return mean(errors[-trainer.steps_per_epoch :])
 
 
-def objective(folder: Path, length: Mapping[str, Any]) -> Callable[[Trial], float]:
+def objective(folder: Path, common: Mapping[str, Any]) -> Callable[[Trial], float]:
     """Return what a trial does; one that is behind the others is given up."""
 
     def run(trial: Trial) -> float:
@@ -74,24 +88,24 @@ def objective(folder: Path, length: Mapping[str, Any]) -> Callable[[Trial], floa
             if trial.should_prune():
                 raise optuna.TrialPruned
 
-        config = load_config(BASE, **{**length, **settings(trial)})
+        config = load_config(BASE, **{**common, **settings(trial)})
         return train(config, folder / f"trial-{trial.number}", at_epoch)
 
     return run
 
 
-def sweep(folder: Path, trials: int, length: Mapping[str, Any] = LENGTH) -> list[FrozenTrial]:
+def sweep(folder: Path, trials: int, common: Mapping[str, Any] = COMMON) -> list[FrozenTrial]:
     """Run trials until there are so many, with those that the folder has already, and return all of them."""
     folder.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
         storage=JournalStorage(JournalFileBackend(str(folder / "study.log"))),
         study_name=BASE,
         load_if_exists=True,
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=4),
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=1),
     )
     study.sampler = optuna.samplers.TPESampler(seed=len(study.trials))  # which goes on otherwise than it began
     ended = sum(trial.state.is_finished() for trial in study.trials)
-    study.optimize(objective(folder, length), n_trials=max(0, trials - ended))
+    study.optimize(objective(folder, common), n_trials=max(0, trials - ended))
     return study.trials
 
 
@@ -110,7 +124,7 @@ def table(trials: Sequence[FrozenTrial]) -> str:
 def main() -> None:
     """Run the trials that are missing, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--trials", type=int, default=12, help="trials in all, with those that were run before")
+    parser.add_argument("--trials", type=int, default=10, help="trials in all, with those that were run before")
     parser.add_argument("--folder", type=Path, default=Path("out/sweep"))
     given = parser.parse_args()
     text = table(sweep(given.folder, given.trials))

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("optuna")
 
-LENGTH = {"epochs": 2, "trajectories": 16, "batch": 16}
+COMMON = {"epochs": 2, "trajectories": 16, "batch": 16}
 
 
 @pytest.fixture(scope="module")
@@ -24,8 +24,8 @@ def example() -> ModuleType:
 
 
 def test_trials_go_on_where_they_were_stopped_and_stand_in_a_table(example: ModuleType, tmp_path: Path) -> None:
-    first = example.sweep(tmp_path, 1, LENGTH)
-    both = example.sweep(tmp_path, 2, LENGTH)
+    first = example.sweep(tmp_path, 1, COMMON)
+    both = example.sweep(tmp_path, 2, COMMON)
     assert [trial.params for trial in both[:1]] == [trial.params for trial in first]
     assert both[0].params != both[1].params
     for trial in both:
