@@ -46,6 +46,7 @@ notebooks: $(VENV)/dev.stamp ## run the notebooks of examples/notebooks, and wri
 	  examples/notebooks/*.ipynb
 
 MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 notebooks-shown: $(VENV)/dev.stamp ## run the notebooks in full, ten minutes, and keep in them what they show
 	$(BIN)/python -m nbconvert --log-level WARN --to notebook --execute --inplace \
 	  --ExecutePreprocessor.record_timing=False --ExecutePreprocessor.coalesce_streams=True examples/notebooks/*.ipynb
