@@ -33,7 +33,7 @@ test-short: $(VENV)/short.stamp ## run the tests of planning, programs and arms,
 
 nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind, 10,000 stops, and what streams are told
 	SLIDE_SEQUENCES=100000 SLIDE_PLANS=10000 $(BIN)/python -m pytest tests/runtime/safety --durations 5 --timeout 14400
-	SLIDE_BROWSER_PLANS=200 $(BIN)/python -m pytest tests/browser --timeout 3600
+	SLIDE_BROWSER_PLANS=200 SLIDE_BROWSER_SEQUENCES=20000 $(BIN)/python -m pytest tests/browser --timeout 3600
 	SLIDE_STEPS=100000 SLIDE_FALSE_READINGS=10000 $(BIN)/python -m pytest tests/runtime/test_sight.py --timeout 14400
 
 check: $(VENV)/dev.stamp $(if $(shell command -v npm),site,docs) notebooks ## lint, formatting, types, the notebooks, and the site with its links
@@ -60,7 +60,7 @@ site: $(VENV)/dev.stamp browser/node_modules ## the documentation and, in out/si
 	node browser/build.mjs
 
 browser/node_modules: browser/package.json browser/package-lock.json
-	npm ci --prefix browser --no-audit --no-fund
+	npm ci --prefix browser --no-audit --no-fund --ignore-scripts
 	@touch $@
 
 bench: $(VENV)/dev.stamp ## accuracy, speed, control, refinement, long commands and training, beside their targets

@@ -4,11 +4,13 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { assess, govern, integratePan, limitsOf as readLimits, panAt, plan, slideAlong } from "../src/index.js";
+import { brakeAccelerations, samplesLeft } from "../src/stop.js";
 import { AT_REST, checkLimits, columns, farthest, flat, frictionOf, limitsOf, network, recorded } from "./recorded.js";
 
 const SAME = 1e-9;  // m, m/s, m/s^2: rounding of float64 in another order of sums
 const CLOSE = 1e-5;  // m, m/s^2: rounding of float32, until a branch parts
 const FEW = 0.05;  // share of plans whose branches may part
+const SEQUENCES = Number(process.env.SLIDE_BROWSER_SEQUENCES ?? 300);
 
 test("the law is that of Python", () => {
   for (const { state, u, friction, states } of recorded.law) {
@@ -25,6 +27,37 @@ test("the governor does what Python's does, and keeps the limits, against whatev
       checkLimits(governed.u, governed.states, pan.state.slice(6), limits);
       assert.ok(farthest(governed.u, flat(u)) < SAME && farthest(governed.states, flat(states)) < SAME, `${name} ${kind}`);
       pan = governed.pan;
+    }
+  }
+});
+
+test("whatever is asked for, the limits hold, also on the stop from the end of each chunk", () => {
+  let seed = 1;
+  const random = (): number => {  // the same ones each time
+    seed = (seed * 48_271) % 2_147_483_647;
+    return seed / 2_147_483_647;
+  };
+  const way = (): number[] => [0, 1, 2].map(() => 2 * random() - 1);
+  for (let sequence = 0; sequence < SEQUENCES; sequence++) {
+    const names = Object.keys(recorded.limits), limits = limitsOf(names[sequence % names.length]!);
+    const count = 2 + Math.floor(150 * random()), kind = Math.floor(5 * random()), push = way();
+    let pan = panAt(AT_REST, limits);
+    for (let chunk = 0; chunk < 6; chunk++) {
+      const size = limits.acceleration * (kind === 4 ? 100 : 2), at = pan.state;
+      const asked = Float64Array.from({ length: 3 * count }, (_, n) => {
+        const axis = n % 3;
+        if (kind === 0) return size * (2 * random() - 1);
+        if (kind === 1) return size * push[axis]!;
+        if (kind === 2) return size * push[axis]! * (chunk % 2 ? 1 : -1);
+        return size * (at[axis]! + 0.1 * at[3 + axis]! + 1e-3 * push[axis]!) / limits.pan_reach;  // always outwards
+      });
+      const governed = govern(pan, asked);
+      checkLimits(governed.u, governed.states, pan.state.slice(6), limits);
+      pan = governed.pan;
+      const stop = brakeAccelerations(pan.brake, Math.max(1, samplesLeft(pan.brake)));
+      const states = integratePan(pan.state.slice(0, 6), stop);
+      checkLimits(stop, states, pan.state.slice(6), limits);
+      assert.ok(states.slice(-3).every((value) => Math.abs(value) < SAME), "the pan rests after its stop");
     }
   }
 });
