@@ -7,6 +7,7 @@ export class Closing {
   #loop = null;
   #switch = element("input", { type: "checkbox", id: "closed" });
   #push = element("button", { id: "push", type: "button", className: "plain", textContent: "Push it", hidden: true });
+  #open = null;
   #pointer = null;  // the last event of one that pulls
 
   /** What goes beside the controls of the player. */
@@ -24,7 +25,7 @@ export class Closing {
     this.#switch.addEventListener("change", () => {
       const from = this.#switch.checked ? begin() : null;
       this.leave();
-      if (from) this.#loop = new Loop(from.motion, from.positions, from.options, () => say(this.#words()));
+      if (from) this.#loop = new Loop(from.motion, from.positions, from.options, this.#open, () => say(this.#words()));
       this.#switch.checked = from !== null;
       take(this.#loop);
     });
@@ -51,9 +52,10 @@ export class Closing {
     return this.#loop !== null;
   }
 
-  /** Offer it, or do not: it takes a server. */
-  offer(offered) {
-    this.parts[0].hidden = !offered;
+  /** Offer it, if there is who steers: `open` makes a stream of what opens one; null if there is nobody. */
+  offer(open) {
+    this.#open = open;
+    this.parts[0].hidden = open === null;
   }
 
   leave() {

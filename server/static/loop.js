@@ -1,7 +1,6 @@
-/** A command followed in closed loop: this page is pan and object, by the law of friction, and a server steers. */
+/** A command followed in closed loop: this page is pan and object, by the law of friction, and a planner steers. */
 
 import { shake, slide } from "./law.js";
-import { Stream } from "./stream.js";
 
 const AFTER = 2;  // s past the end of the command: time to push the object off its mark and see it come back
 const STIFFNESS = 1600, DAMPING = 80;  // 1/s^2, 1/s: of the spring between a pointer and the object
@@ -21,6 +20,7 @@ export class Loop {
   #planned;
   #positions;
   #options;
+  #openStream;
   #changed;
   #stream = null;
   #queue = [];  // the pan's accelerations that are still to come (m/s^2)
@@ -39,12 +39,14 @@ export class Loop {
    * @param planned  the motion of the plan of it
    * @param positions  [[x, y], ...] every millisecond (m)
    * @param options  {friction, limits} as a server is told them
+   * @param open  makes a stream (`Stream`, `OwnStream`) of what opens a server's
    * @param changed  () when `lost` has changed
    */
-  constructor(planned, positions, options, changed) {
+  constructor(planned, positions, options, open, changed) {
     this.#planned = planned;
     this.#positions = positions.map((point) => point.map((value) => Math.round(value * 1e7) / 1e7));
     this.#options = options;
+    this.#openStream = open;
     this.#changed = changed;
     this.#begin();
   }
@@ -186,7 +188,7 @@ export class Loop {
     const begun = this.count > 0, { object, pan, acceleration } = this.state;
     const left = this.#positions.slice(Math.min(this.count, this.#positions.length - 2));
     this.#told = { pan: [], object: [] };
-    this.#stream = new Stream({
+    this.#stream = this.#openStream({
       ...this.#options,
       command: { dt: this.dt, position: left },
       ...(begun && {

@@ -7,9 +7,11 @@ import { ArmCard } from "./arm_card.js";
 import { Closing } from "./closing.js";
 import { Controls } from "./controls.js";
 import { EXAMPLES } from "./examples.js";
+import { OwnStream } from "./own_stream.js";
 import { DT, commandAlong, commandDocument, keepWithin, lengthOf } from "./path.js";
 import { listenToPen } from "./pen.js";
 import { Planning } from "./planning.js";
+import { Stream } from "./stream.js";
 import { $, element, mm, number } from "./viewer/dom.js";
 import { RADIUS } from "./viewer/motion.js";
 import { Viewer, calm } from "./viewer/viewer.js";
@@ -242,10 +244,16 @@ async function findPlanner() {
   const { model } = info ?? own?.info ?? {};
   takeFrom(model);
   $("limits-row").hidden = own !== null && !model.trained_on.pan_reach;  // else its own limits hold
-  for (const part of [$("file").parentElement, $("interface")]) part.hidden = own !== null;
-  closing.offer(info !== null && !info.settings.token_needed);  // a page can show no token when it opens a stream
+  $("interface").hidden = own !== null;
+  closing.offer(streamsOf(info, own));
   showLinks(info?.links ?? {});
   return own;
+}
+
+/** What opens a stream for the closed loop; null if nothing does: a page can show no token when it opens a server's. */
+function streamsOf(info, own) {
+  if (own) return (request) => new OwnStream(own, request);
+  return info && !info.settings.token_needed ? (request) => new Stream(request) : null;
 }
 
 /** Where there is more to read, as far as whoever runs this says so; addresses come from the server. */
@@ -276,7 +284,9 @@ async function openFile() {
   if (!file) return;
   say("");
   try {
-    const { positions, notes } = await requestCommand(file, controls.speed, $("token").value, mostBytes);
+    const own = await planning.own.catch(() => null);
+    const { positions, notes } = own ? await own.read(file)
+      : await requestCommand(file, controls.speed, $("token").value, mostBytes);
     const drawn = positions.filter((_, k) => k % 5 === 0 || k === positions.length - 1);
     const drawing = { drawn, given: { positions, notes, length: lengthOf(drawn), shrunk: 1 } };
     history.add(drawing);

@@ -221,6 +221,27 @@ def test_page_reads_command_files(loaded: Any) -> None:
     assert ask(loaded, script, "dear diary").startswith("This file cannot be read: there are no rows")
 
 
+def test_closed_loop_is_steered_by_the_page_itself(loaded: Any) -> None:
+    loaded.click("#plan")
+    loaded.wait_for_selector("#quality:not([hidden])", timeout=PATIENCE)
+    loaded.locator(".toggle:has(#closed)").click()
+    loaded.wait_for_function("/^Push the object: [0-9.]+ mm off/.test(document.getElementById('hint').textContent)")
+    loaded.click("#push")
+    loaded.wait_for_function(
+        "parseFloat(document.getElementById('hint').textContent.split(': ')[1]) > 2", timeout=PATIENCE
+    )
+    assert "Nobody steers" not in loaded.inner_text("body")
+
+
+def test_file_is_opened_and_planned_without_a_server(loaded: Any) -> None:
+    table = "t,x,y\n" + "".join(f"{k / 50:.2f},{0.03 * np.sin(k / 10):.5f},0\n" for k in range(60))
+    loaded.set_input_files("#file", {"name": "way.csv", "mimeType": "text/csv", "buffer": table.encode()})
+    loaded.wait_for_selector("#quality:not([hidden])", timeout=PATIENCE)
+    loaded.set_input_files("#file", {"name": "diary.txt", "mimeType": "text/plain", "buffer": b"dear diary"})
+    loaded.wait_for_selector("#message:not([hidden])", timeout=PATIENCE)
+    assert loaded.inner_text("#message").startswith("This file cannot be read: there are no rows")
+
+
 @pytest.mark.parametrize(
     ("missing", "said"),
     [
