@@ -51,7 +51,7 @@ class Settings(BaseSettings):
     max_body: int = Field(1 << 20, ge=1 << 10, le=1 << 28, description="Largest request body (bytes).")
     max_samples: int = Field(20_000, ge=2, le=600_001, description="Longest command (samples at 1 kHz).")
     max_commands: int = Field(64, ge=1, le=1024, description="Most commands in one request of /plans.")
-    max_chunks: int = Field(320, ge=1, le=100_000, description="Most chunks of 100 ms planned together.")
+    max_chunks: int = Field(560, ge=1, le=100_000, description="Most chunks, of some 60 ms, planned together.")
     max_queue: int = Field(128, ge=1, le=4096, description="Most commands that wait to be planned.")
     max_batch: int = Field(24, ge=1, le=256, description="Most commands planned together.")
     max_refine_ms: float = Field(200.0, ge=0.0, le=10_000.0, description="Longest refinement of a plan (ms).")

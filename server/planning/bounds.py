@@ -29,7 +29,7 @@ BRACKET = b"]"
 OTHER_BRACKETS = 1000
 """Brackets of a request that may belong to something else than positions."""
 
-SHORT_CHUNKS = 40
+SHORT_CHUNKS = 70
 """Most chunks of a job that is planned among the short ones: it takes some 40 ms."""
 
 

@@ -211,7 +211,7 @@ def test_plan_whose_stop_would_take_minutes_is_refused_with_the_number(server: A
 def test_candidates_that_are_too_much_together_are_refused_with_the_number(server: Any) -> None:
     problem = server.post("/plan", json={"command": LONG, "candidates": 16}).json()
     assert problem["place"] == "candidates"
-    assert "at most 320 are planned" in problem["detail"]
+    assert "at most 560 are planned" in problem["detail"]
 
 
 def test_more_positions_than_samples_are_refused_with_the_number(server: Any) -> None:

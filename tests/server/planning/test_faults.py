@@ -199,7 +199,7 @@ def test_planning_process_killed_in_mid_plan_is_replaced_and_nobody_is_left_with
                 assert answer.headers["retry-after"] == "1"
             assert server.get("/health/live").status_code == 200
             assert server.get("/health/ready").status_code == 503
-            assert len(following.step()) == 100
+            assert len(following.step()) == following.chunk
             wait_for(lambda: server.get("/health/ready").status_code == 200)
         assert_answers(server, make_request())
         assert dispatcher.process != process
