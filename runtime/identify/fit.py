@@ -9,11 +9,9 @@ Static friction shows in no derivative until the object breaks away, so its inte
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,23 +19,24 @@ from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.friction import MAX_COEFFICIENT, Friction
 from runtime.identify.log import Log
+from runtime.identify.shooting import (
+    LEAST,
+    Law,
+    Piece,
+    cost_of,
+    covariance_of,
+    derivative,
+    jacobian_of,
+    residuals,
+    run,
+    solve,
+    weights_of,
+)
 from runtime.observe.sliding import Belief, Frame
-from runtime.physics.law import DT, GRAVITY, slide_one, slide_step
+from runtime.physics.law import DT, GRAVITY, slide_one
 
 PIECE = 0.6
 """Duration of a piece (s): shorter ones know their begin less, longer ones depend on it more."""
-
-LEAST = 0.01
-"""Smallest friction that is tried."""
-
-STEPS = {"kinetic": 2e-3, "static": 1e-2, "position": 1e-5, "velocity": 2e-3}
-"""Changes by which derivatives are found (dimensionless, m, m/s)."""
-
-ITERATIONS = 25
-"""Most steps of a fit."""
-
-SETTLED = 1e-4
-"""Share of the cost that a step must win for the fit to go on."""
 
 TRIED = 18
 """Static frictions that are tried for its interval."""
@@ -48,9 +47,6 @@ smooth problem, since where the object breaks away the squares jump, and no fit 
 
 WIDER = 1.5
 """Times that an interval by derivatives is too narrow for the same reason."""
-
-HUBER = 3.0
-"""Standard deviations from which on a frame counts less."""
 
 LEAST_NOISE = 1e-5
 """Smallest noise that is assumed (m): rounding in a log."""
@@ -75,28 +71,6 @@ MOST_NOISE = 1.4
 
 REMAINING = 5e-4
 """Residual (m) that no law is blamed for: pan and camera are no better known."""
-
-
-class Law(NamedTuple):
-    """The law of friction, and by how much it is bent: not at all where the rest is 0.
-
-    Attributes:
-        kinetic, static: friction coefficients.
-        viscous: deceleration by speed (1/s).
-        tilt_x, tilt_y: acceleration that a pan that leans gives (m/s^2).
-        late: by how much the frames' times are late (s).
-    """
-
-    kinetic: float
-    static: float
-    viscous: float = 0.0
-    tilt_x: float = 0.0
-    tilt_y: float = 0.0
-    late: float = 0.0
-
-    @property
-    def friction(self) -> Friction:
-        return Friction(max(self.static, self.kinetic), self.kinetic)
 
 
 HINTS = {
@@ -177,14 +151,6 @@ class Fit:
         }
 
 
-class Piece(NamedTuple):
-    """A part of a log: accelerations (n, d), frames at (m,) seconds from its begin, and their positions (m, 2)."""
-
-    u: FloatArray
-    time: FloatArray
-    position: FloatArray
-
-
 def fit(log: Log, noise: float | None = None) -> Fit:
     """Fit the friction.
 
@@ -200,14 +166,14 @@ def fit(log: Log, noise: float | None = None) -> Fit:
     sigma = max(_noise(log) if noise is None else noise, LEAST_NOISE)
     pieces = _pieces(log)
     law, begins = _first_guess(log, pieces, sigma)
-    law, begins = _solve(pieces, law, begins, sigma)
+    law, begins = solve(pieces, law, begins, sigma)
     law, begins, static, kinetic_between = _intervals(pieces, law, begins, sigma)
 
-    left = np.concatenate(_residuals(pieces, law, begins))
-    weights = _weights(left, sigma)
+    left = np.concatenate(residuals(pieces, law, begins))
+    weights = weights_of(left, sigma)
     counted = float(np.sqrt((weights[:, None] * left * left).sum() / (2.0 * weights.sum())))
     scale = max(sigma, counted)
-    covariance = _covariance(pieces, law, begins, weights) * scale * scale
+    covariance = covariance_of(pieces, law, begins, weights) * scale * scale
     speeds = [np.hypot(*slide_one(b, p.u, law.friction)[:, 2:].T) for p, b in zip(pieces, begins, strict=True)]
     sliding = float(np.mean(np.concatenate(speeds) > SLIDES))
     spread = 2.0 * WIDER * math.sqrt(max(covariance[0, 0], 0.0))
@@ -270,133 +236,6 @@ def _first_guess(log: Log, pieces: list[Piece], sigma: float) -> tuple[Law, list
     return Law(belief.friction.kinetic, belief.friction.static), begins
 
 
-def _run(piece: Piece, law: Law, begin: FloatArray) -> FloatArray:
-    """Return where the law says the object was in the frames of a piece, (m, 2) (m)."""
-    if law.viscous or law.tilt_x or law.tilt_y:
-        states = _slide_bent(piece.u, law, begin)
-    else:
-        states = slide_one(begin, piece.u, law.friction)
-    position = np.concatenate([begin[None, :2], states[:, :2]])
-    at = np.clip(piece.time - law.late, 0.0, len(piece.u) * DT) / DT
-    low = np.minimum(at.astype(int), len(piece.u) - 1)
-    share = (at - low)[:, None]
-    found: FloatArray = position[low] + share * (position[low + 1] - position[low])
-    return found
-
-
-def _slide_bent(u: FloatArray, law: Law, begin: FloatArray) -> FloatArray:
-    """Slide with the terms that bend the law: as accelerations of the pan, which act on the object alike."""
-    friction, rows = law.friction, []
-    px, py, vx, vy = begin.tolist()
-    for ux, uy, *lift in u.tolist():
-        normal = GRAVITY + (lift[0] if lift else 0.0)
-        ax, ay = ux - law.tilt_x + law.viscous * vx, uy - law.tilt_y + law.viscous * vy
-        px, py, vx, vy = slide_step(px, py, vx, vy, ax, ay, friction.static * normal, friction.kinetic * normal, DT)
-        rows.append((px, py, vx, vy))
-    return np.array(rows)
-
-
-def _residuals(pieces: list[Piece], law: Law, begins: list[FloatArray]) -> list[FloatArray]:
-    return [piece.position - _run(piece, law, begin) for piece, begin in zip(pieces, begins, strict=True)]
-
-
-def _weights(residual: FloatArray, sigma: float) -> FloatArray:
-    """Return the weight of each frame: less than 1 beyond HUBER times the noise, or the median of the distances."""
-    size = np.hypot(*residual.T)
-    scale = HUBER * max(sigma, float(np.median(size)) / 1.1774)
-    weights: FloatArray = np.minimum(1.0, scale / np.maximum(size, 1e-12))
-    return weights
-
-
-def _derivative(change: Callable[[float], FloatArray], step: float) -> FloatArray:
-    slope: FloatArray = (change(step) - change(-step)) / (2.0 * step)
-    return slope
-
-
-def _jacobian(pieces: list[Piece], law: Law, begins: list[FloatArray]) -> FloatArray:
-    """Return (2 m, 2 + 4 pieces) derivatives of the positions by kinetic and static friction and by the begins."""
-    rows = [2 * len(piece.time) for piece in pieces]
-    full = np.zeros((sum(rows), 2 + 4 * len(pieces)))
-    row = 0
-    for index, (piece, begin) in enumerate(zip(pieces, begins, strict=True)):
-        part = slice(row, row + rows[index])
-        full[part, :2], full[part, 2 + 4 * index : 6 + 4 * index] = _slopes(piece, law, begin)
-        row += rows[index]
-    return full
-
-
-def _slopes(piece: Piece, law: Law, begin: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of one piece's positions, (2 m, 2) by the frictions and (2 m, 4) by its begin."""
-    by_friction = [
-        _derivative(partial(_with_friction, piece, law, begin, name), STEPS[name]) for name in ("kinetic", "static")
-    ]
-    by_begin = [
-        _derivative(partial(_with_begin, piece, law, begin, axis), STEPS["position" if axis < 2 else "velocity"])
-        for axis in range(4)
-    ]
-    return np.stack(by_friction, axis=1), np.stack(by_begin, axis=1)
-
-
-def _with_friction(piece: Piece, law: Law, begin: FloatArray, name: str, step: float) -> FloatArray:
-    return _run(piece, _changed(law, name, step), begin).ravel()
-
-
-def _with_begin(piece: Piece, law: Law, begin: FloatArray, axis: int, step: float) -> FloatArray:
-    changed = begin.copy()
-    changed[axis] += step
-    return _run(piece, law, changed).ravel()
-
-
-def _changed(law: Law, name: str, step: float) -> Law:
-    value = getattr(law, name) + step
-    return law._replace(**{name: min(max(value, LEAST), MAX_COEFFICIENT) if name in ("kinetic", "static") else value})
-
-
-def _cost(residual: FloatArray, sigma: float) -> float:
-    """Return the cost of distances: their squares over the noise's, linear beyond HUBER of it."""
-    size = np.hypot(*residual.T) / sigma
-    return float(np.where(size <= HUBER, size * size, HUBER * (2.0 * size - HUBER)).sum())
-
-
-def _solve(
-    pieces: list[Piece],
-    law: Law,
-    begins: list[FloatArray],
-    sigma: float,
-    hold_static: bool = False,
-    most: int = ITERATIONS,
-) -> tuple[Law, list[FloatArray]]:
-    """Make the cost small, from a guess."""
-    damping = 1e-3
-    residual = np.concatenate(_residuals(pieces, law, begins))
-    cost = _cost(residual, sigma)
-    for _ in range(most):
-        jacobian = _jacobian(pieces, law, begins)
-        if hold_static:
-            jacobian[:, 1] = 0.0
-        weights = np.repeat(_weights(residual, sigma), 2)
-        normal = jacobian.T @ (weights[:, None] * jacobian)
-        gradient = jacobian.T @ (weights * residual.ravel())
-        won = 0.0
-        for _ in range(8):
-            scale = np.diag(normal) + 1e-9
-            step = np.linalg.solve(normal + np.diag(damping * scale + 1e-12), gradient)
-            kinetic = min(max(law.kinetic + float(step[0]), LEAST), MAX_COEFFICIENT)
-            static = min(max(law.static + float(step[1]), kinetic), MAX_COEFFICIENT)
-            tried = law._replace(kinetic=kinetic, static=law.static if hold_static else static)
-            moved = [begin + step[2 + 4 * i : 6 + 4 * i] for i, begin in enumerate(begins)]
-            after = np.concatenate(_residuals(pieces, tried, moved))
-            new = _cost(after, sigma)
-            if new < cost:
-                won, damping = cost - new, 0.3 * damping
-                law, begins, residual, cost = tried, moved, after, new
-                break
-            damping *= 5.0
-        if won <= SETTLED * cost:
-            break
-    return law, begins
-
-
 def _intervals(
     pieces: list[Piece], law: Law, begins: list[FloatArray], sigma: float
 ) -> tuple[Law, list[FloatArray], tuple[float, float], tuple[float, float]]:
@@ -410,12 +249,12 @@ def _intervals(
     outcomes, costs = [], np.empty(len(tried))
     for index, static in enumerate(tried.tolist()):
         held = law._replace(static=static)
-        found = [_solve(pieces, held, guess, sigma, hold_static=True, most=5) for guess in (begins, _resting(begins))]
-        squares = [_cost(np.concatenate(_residuals(pieces, *each)), sigma) for each in found]
+        found = [solve(pieces, held, guess, sigma, hold_static=True, most=5) for guess in (begins, _resting(begins))]
+        squares = [cost_of(np.concatenate(residuals(pieces, *each)), sigma) for each in found]
         outcomes.append(found[int(np.argmin(squares))])
         costs[index] = min(squares)
     best = int(costs.argmin())
-    law, begins = _solve(pieces, *outcomes[best], sigma, hold_static=True)
+    law, begins = solve(pieces, *outcomes[best], sigma, hold_static=True)
     scale = max(1.0, float(costs[best]) / max(1.0, 2.0 * sum(len(piece.time) for piece in pieces)))
     likely = costs <= costs[best] + LIKELY * scale
     first, last = int(likely.argmax()), len(tried) - 1 - int(likely[::-1].argmax())
@@ -430,31 +269,23 @@ def _resting(begins: list[FloatArray]) -> list[FloatArray]:
     return [np.where(np.hypot(*begin[2:]) < SLOW, begin * [1.0, 1.0, 0.0, 0.0], begin) for begin in begins]
 
 
-def _covariance(pieces: list[Piece], law: Law, begins: list[FloatArray], weights: FloatArray) -> FloatArray:
-    """Return the covariance (2, 2) of the frictions for a noise of 1 m, the begins being unknown too."""
-    jacobian = _jacobian(pieces, law, begins)
-    normal = jacobian.T @ (np.repeat(weights, 2)[:, None] * jacobian)
-    covariance: FloatArray = np.linalg.pinv(normal, rcond=1e-12).astype(np.float64)[:2, :2]
-    return covariance
-
-
 def _hints(
     pieces: list[Piece], law: Law, begins: list[FloatArray], weights: FloatArray, left: FloatArray
 ) -> tuple[Hint, ...]:
     """Return what else explains a part of what is left: each term's size by one step of the fit with it added."""
     root = np.sqrt(np.repeat(weights, 2))
-    known = _jacobian(pieces, law, begins) * root[:, None]
+    known = jacobian_of(pieces, law, begins) * root[:, None]
     rest = left.ravel() * root
     basis = np.linalg.svd(known, full_matrices=False)[0]
     total = float(rest @ rest)
     hints = []
     for name, (step, unit, meaning) in HINTS.items():
 
-        def run(size: float, name: str = name) -> FloatArray:
+        def bent_by(size: float, name: str = name) -> FloatArray:
             bent = law._replace(**{name: size})
-            return np.concatenate([_run(p, bent, b).ravel() for p, b in zip(pieces, begins, strict=True)])
+            return np.concatenate([run(p, bent, b).ravel() for p, b in zip(pieces, begins, strict=True)])
 
-        column = np.asarray(_derivative(run, step) * root, dtype=np.float64)
+        column = np.asarray(derivative(bent_by, step) * root, dtype=np.float64)
         column -= basis @ (basis.T @ column)
         square = float(column @ column)
         if square <= 0.0 or total <= 0.0:
