@@ -34,6 +34,18 @@ LINK_RADIUS = 0.05
 PAN_MASS = 0.8
 """Mass of the pan with its handle where none is given (kg)."""
 
+FARTHEST = 10.0
+"""Largest coordinate of a frame or a centre of mass (m): beyond it is millimetres."""
+
+MOST_TURN = 12.6
+"""Largest angle of a frame's attitude (rad), two turns: beyond it is degrees."""
+
+HEAVIEST = 1e4
+"""Largest mass of a link (kg): beyond it is grams."""
+
+MOST_JOINTS = 30
+"""Joints that are read: an arm of more is none."""
+
 FEWEST_JOINTS = 6
 """Joints that a pan needs to go anywhere and stay level (three places, three angles)."""
 
@@ -196,8 +208,9 @@ class ArmDescription:
         sources: where each kind of number comes from: kinematics, inertia, range, and the names of LIMITS; hand, home.
 
     Raises:
-        InputError: fewer than six joints, two of one name, a value that is no finite number, a limit that is not
-            greater than zero, a range that is empty, a mass or inertia that no body has.
+        InputError: fewer than six joints or more than MOST_JOINTS, two of one name, a value that is no finite number,
+            or so large that it must be in another unit, a limit that is not greater than zero, a range that is empty,
+            a mass or inertia that no body has.
     """
 
     name: str
@@ -216,12 +229,19 @@ class ArmDescription:
                 f"arm {self.name} has {len(self.joints)} joints between its base and its tip, at least "
                 f"{FEWEST_JOINTS} are needed to move a pan and keep it level"
             )
+        if len(self.joints) > MOST_JOINTS:
+            raise InputError(
+                f"arm {self.name} has {len(self.joints)} joints between its base and its tip, at most {MOST_JOINTS} "
+                "are read: another tip (--tip)?"
+            )
         names = self.joint_names
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"arm {self.name} has two joints named {name}")
         for joint in self.joints:
             _check_joint(joint)
+        _check_frame(self.tip, "the tip")
+        _check_frame(self.mount, "the pan's mount")
         _check_body(self.pan, "the pan")
         for name in HAND_LIMITS:
             _check_limit(getattr(self.hand, name), f"limit {name} of the hand", HAND_LIMITS[name])
@@ -275,6 +295,7 @@ def _check_joint(joint: Joint) -> None:
     place = f"joint {joint.name}"
     for value in _numbers(joint):
         number(value, place)
+    _check_frame(joint.frame, place)
     if not math.isclose(math.hypot(*joint.axis), 1.0, rel_tol=1e-6):
         raise InputError(f"{place}: its axis must be one long, got {list(joint.axis)}")
     if joint.lower is not None and joint.upper is not None and not joint.lower < joint.upper:
@@ -284,6 +305,21 @@ def _check_joint(joint: Joint) -> None:
     _check_body(joint.body, f"the link of {place}")
     if joint.body.mass <= 0.0:
         raise InputError(f"the link of {place} has no inertia: its mass must be greater than 0 kg")
+
+
+def _check_frame(frame: Frame, name: str) -> None:
+    for value in (*frame.position, *frame.rpy):
+        number(value, name)
+    _check_near(frame.position, f"the frame of {name}")
+    turn = max(map(abs, frame.rpy))
+    if turn > MOST_TURN:
+        raise InputError(f"the frame of {name} is turned by {turn:g} rad, more than two turns: is it in degrees?")
+
+
+def _check_near(position: Vector, name: str) -> None:
+    farthest = max(map(abs, position))
+    if farthest > FARTHEST:
+        raise InputError(f"{name} is {farthest:g} m away, more than {FARTHEST:g} m: is it in millimetres?")
 
 
 def _numbers(joint: Joint) -> Iterator[float]:
@@ -304,6 +340,12 @@ def _check_body(body: Body, name: str) -> None:
         number(value, name)
     if body.mass < 0.0:
         raise InputError(f"{name} has a mass of {body.mass:g} kg, which is less than 0")
+    if body.mass > HEAVIEST:
+        raise InputError(f"{name} has a mass of {body.mass:g} kg, more than {HEAVIEST:g} kg: is it in grams?")
+    _check_near(body.centre, f"the centre of mass of {name}")
+    largest = max(map(abs, body.inertia))
+    if largest > HEAVIEST * FARTHEST**2:
+        raise InputError(f"{name} has an inertia of {largest:g} kg m^2: is it in kg mm^2?")
     least = float(np.linalg.eigvalsh(body.matrix)[0])
     if least < -1e-9 * max(1.0, abs(float(np.trace(body.matrix)))):
         raise InputError(f"{name} has an inertia that no body has: its least principal moment is {least:g} kg m^2")

@@ -26,12 +26,19 @@ def read_mjcf(path: Path) -> Robot:
     """
     with extra("mujoco"):
         import mujoco
+    warnings: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warnings.append)  # else they go to the terminal, and to a file MUJOCO_LOG.TXT
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         _drop_meshes(spec, mujoco)
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"not a model that mujoco reads: {' '.join(str(error).split())}") from error
+    finally:
+        mujoco.set_mju_user_warning(before)
+    if any("NaN" in warning for warning in warnings):
+        raise InputError("a number in it is NaN")
     names = ["world", *(model.body(index).name or f"body{index}" for index in range(1, model.nbody))]
     torque = _torques(model, mujoco)
     links: dict[str, Link] = {}

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass
 
-from runtime.arms.description import Frame
+from runtime.arms.description import FARTHEST, Frame
 from runtime.arms.load import arm_names, load_arm
 from runtime.arms.model import ArmModel
 from runtime.arms.place import Place, find_place
 from runtime.documents.options import option
 from runtime.errors import InputError
-
-FARTHEST = 10.0
-"""Largest coordinate of a place or a mount (m): beyond it is millimetres."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ def _numbers(text: str, name: str, count: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):
-        raise InputError(f"{name} must be {count} numbers with commas between them, got {text!r}")
+        raise InputError(f"{name} must be {count} numbers with commas between them, got {reprlib.repr(text)}")
     for value in values[:3]:
         if abs(value) > FARTHEST:
             raise InputError(f"{name} must be within {FARTHEST:g} m, got {value:g}: is it in millimetres?")

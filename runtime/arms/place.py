@@ -30,11 +30,19 @@ REFERENCE = {"speed": 0.6, "acceleration": 6.0, "jerk": 3_000.0}
 AROUND = 0.12 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 """How far from its place the pan goes in most plans (m): the arm must be strong there too."""
 
-AT_MOST = 0.2 * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-"""How far it goes at most (m): the arm must reach that, and not be nearly singular on the way."""
+REACHES = (0.2, 0.15, 0.12)
+"""How far it goes at most (m): the arm must reach that within its joints' ranges, and not be nearly singular there. A
+small arm that cannot is held to the next."""
+
+ROUND = np.array([[math.cos(angle), math.sin(angle), 0.0] for angle in np.arange(8) * (math.pi / 4)])
+"""The directions in which that is looked at."""
 
 RANGE_MARGIN = 0.15
-"""Distance that joints keep from the ends of their ranges where the pan begins (rad)."""
+"""Distance that joints keep from the ends of their ranges where the pan begins and AROUND (rad)."""
+
+LEAST_MARGIN = 0.1
+"""The same where the pan is farthest (rad): a path comes there in another posture than the shortest way does, the more
+so in closed loop."""
 
 LEAST_SINGULAR = 0.05
 """Smallest singular value of the Jacobian at which a posture is taken (m or 1 per rad)."""
@@ -66,7 +74,7 @@ DAMPING = 1e-8
 LONGEST_STEP = 0.3
 """Longest Newton step (rad)."""
 
-CACHE_VERSION = 4
+CACHE_VERSION = 5
 """Changes when the search does: what was found before it is looked for again."""
 
 
@@ -215,9 +223,11 @@ def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArra
     if at is None and not base.sliding and np.allclose(base.frame.rotation @ np.array(base.axis), [0.0, 0.0, 1.0]):
         low[0] = high[0] = free[0] = 0.0  # turning the whole arm makes nothing easier
 
+    def inside(q: FloatArray, margin: float) -> bool:
+        return bool(((lower + margin <= q) & (q <= upper - margin)).all())
+
     def cost(q: FloatArray | None) -> float:
-        inside = q is not None and bool(((lower + RANGE_MARGIN <= q) & (q <= upper - RANGE_MARGIN)).all())
-        if q is None or not inside or not model.clear(q, CLEARANCE):
+        if q is None or not inside(q, RANGE_MARGIN) or not model.clear(q, CLEARANCE):
             return math.inf
         if at is None:
             x, y, z = model.pan(q)[0]
@@ -225,39 +235,42 @@ def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArra
                 return math.inf
         return share(model, q)
 
-    def cost_around(q: FloatArray | None, bound: float) -> float:
+    def cost_around(q: FloatArray | None, reach: float, bound: float) -> float:
         value = cost(q)
         for by in AROUND:
             if q is None or not value < bound:
                 break
             value = max(value, cost(_moved(model, q, by)))
-        for by in AT_MOST:
+        for by in reach * ROUND:
             if q is None or not value < bound:
                 break
             there = _moved(model, q, by)
-            if there is None or model.inverse(there)[1] < LEAST_SINGULAR:
+            if there is None or not inside(there, LEAST_MARGIN) or model.inverse(there)[1] < LEAST_SINGULAR:
                 return math.inf
         return value
 
-    found = [level(model, rng.uniform(low, high), target) for _ in range(SAMPLES)]
-    ranked = sorted(((cost(q), index) for index, q in enumerate(found)), key=lambda each: each[0])
-    best, best_cost = None, math.inf
-    for value, index in ranked[:KEPT]:
-        q, size = found[index], 0.3
-        if q is None or not math.isfinite(value):
-            break
-        value = cost_around(q, math.inf)
+    def climbed(q: FloatArray, reach: float) -> tuple[float, FloatArray]:
+        value, size = cost_around(q, reach, math.inf), 0.3
         for _ in range(STEPS):
             tried = level(model, q + free * rng.normal(0.0, size, len(arm)), target)
-            tried_value = cost_around(tried, value)
+            tried_value = cost_around(tried, reach, value)
             if tried is not None and tried_value < value:
                 q, value = tried, tried_value
             else:
                 size = max(0.97 * size, 0.01)
-        if value < best_cost:
-            best, best_cost = q, value
-    if best is None:
+        return value, q
+
+    found = [level(model, rng.uniform(low, high), target) for _ in range(SAMPLES)]
+    ranked = sorted(((cost(q), index) for index, q in enumerate(found)), key=lambda each: each[0])
+    first = [q for value, index in ranked[:KEPT] if (q := found[index]) is not None and math.isfinite(value)]
+    if not first:
         raise InputError(f"{_nowhere(arm, at)} (of {SAMPLES} postures tried)")
+    for reach in REACHES:
+        least, best = min((climbed(q, reach) for q in first), key=lambda each: each[0])
+        if math.isfinite(least):
+            break
+    else:
+        raise InputError(f"{_nowhere(arm, at)} and move it {reach:g} m in any direction within its joints' ranges")
     if free[0] == 0.0:
         x, y, _ = model.pan(best)[0]
         best[0] = np.clip(best[0] - math.atan2(y, x), lower[0] + RANGE_MARGIN, upper[0] - RANGE_MARGIN)

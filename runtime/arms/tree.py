@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import reprlib
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -20,12 +22,21 @@ class Link:
         frame: of its joint at angle zero in that of its parent.
         body: its own mass and inertia.
         joint: what moves it, its `frame` and `body` not yet told; None if it is fixed to its parent.
+        followed: whether other joints follow that one, as a gripper's second finger follows the first.
     """
 
     parent: str | None
     frame: Frame
     body: Body
     joint: Joint | None
+    followed: bool = False
+
+
+MOST_NAMED = 40
+"""Links that are named in a line."""
+
+MOST_LINKS = 2000
+"""Links that are read; a humanoid has a hundred."""
 
 
 def chain(links: Mapping[str, Link], tip: str | None) -> tuple[tuple[Joint, ...], Frame, str]:
@@ -36,16 +47,19 @@ def chain(links: Mapping[str, Link], tip: str | None) -> tuple[tuple[Joint, ...]
     Args:
         links: by name.
         tip: name of a link; None takes the end of the longest chain, before its fork where it has several ends, and
-            without a finger that slides there.
+            without a finger: a joint that slides there, or that others follow.
 
     Raises:
-        InputError: there is no link of that name, the links form a circle, or two links have no parent.
+        InputError: there is no link of that name, the links form a circle, two links have no parent, or there are more
+            than MOST_LINKS.
     """
+    if len(links) > MOST_LINKS:
+        raise InputError(f"the robot has {len(links)} links, at most {MOST_LINKS} are read")
     _check_tree(links)
     if tip is None:
         tip = _longest(links)
     elif tip not in links:
-        raise InputError(f"there is no link named {tip!r} to be the tip; the links are {', '.join(links)}")
+        raise InputError(f"there is no link named {reprlib.repr(tip)} to be the tip; the links are {_some(links)}")
     path = _path(links, tip)
     on_chain = [name for name in path if links[name].joint is not None]
     joints: list[Joint] = []
@@ -61,15 +75,18 @@ def chain(links: Mapping[str, Link], tip: str | None) -> tuple[tuple[Joint, ...]
 
 def _check_tree(links: Mapping[str, Link]) -> None:
     roots = [name for name, link in links.items() if link.parent is None]
+    rooted = set(roots)
     for name in links:
-        seen = [name]
-        while (parent := links[seen[-1]].parent) is not None:
-            if parent in seen:
-                circle = " -> ".join([*seen[seen.index(parent) :], parent])
-                raise InputError(f"the links form a circle: {circle}")
-            seen.append(parent)
+        seen = {name: None}  # in order
+        last: str | None = name
+        while last not in rooted and (last := links[str(last)].parent) is not None:
+            if last in seen:
+                names = list(seen)
+                raise InputError(f"the links form a circle: {' -> '.join([*names[names.index(last) :], last])}")
+            seen[last] = None
+        rooted.update(seen)
     if len(roots) != 1:
-        raise InputError(f"one link must be the base, but {len(roots)} have no parent: {', '.join(roots) or 'none'}")
+        raise InputError(f"one link must be the base, but {len(roots)} have no parent: {_some(roots) or 'none'}")
 
 
 def _path(links: Mapping[str, Link], tip: str) -> list[str]:
@@ -89,7 +106,8 @@ def _longest(links: Mapping[str, Link]) -> str:
         last = [names[0] for names in zip(*ends, strict=False) if len(set(names)) == 1]
     final = next((index for index in range(len(last))[::-1] if links[last[index]].joint is not None), 0)
     finger = links[last[final]].joint
-    if finger is not None and finger.sliding and _joints_on(links, last) > FEWEST_JOINTS:
+    grips = finger is not None and (finger.sliding or links[last[final]].followed)
+    if grips and _joints_on(links, last) > FEWEST_JOINTS:
         last = last[:final]
     return last[-1]
 
@@ -108,8 +126,18 @@ def _after(first: Frame, second: Frame) -> Frame:
 
 def _carried(links: Mapping[str, Link], name: str, on_chain: set[str]) -> Body:
     """Return a link's body with all that is fixed to it or hangs on it beside the chain."""
-    whole = NOTHING + links[name].body
-    for child, link in links.items():
-        if link.parent == name and child not in on_chain:
-            whole = whole + _carried(links, child, on_chain).moved(link.frame)
-    return whole
+    order = [name]
+    for each in order:  # which grows meanwhile: parents before what hangs on them
+        order += [child for child, link in links.items() if link.parent == each and child not in on_chain]
+    whole = {each: NOTHING + links[each].body for each in order}
+    for each in order[:0:-1]:
+        link = links[each]
+        if link.parent is not None:
+            whole[link.parent] = whole[link.parent] + whole[each].moved(link.frame)
+    return whole[name]
+
+
+def _some(names: Collection[str]) -> str:
+    """Return the names, the first MOST_NAMED of them if there are more."""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(islice(names, MOST_NAMED)) + more

@@ -120,6 +120,32 @@ def test_a_urdf_is_read_without_its_meshes_and_to_before_its_fingers(tmp_path: P
     assert load_arm(path, tip="f1").joint_names[-1] == "f1"
 
 
+def test_a_finger_that_another_follows_is_no_joint_of_the_arm(tmp_path: Path) -> None:
+    turning = 'name="f1" type="prismatic"', 'name="f1" type="revolute"'
+    follows = '<limit lower="0" upper="0.1"/></joint></robot>', '<mimic joint="f1"/></joint></robot>'
+    path = tmp_path / "six.urdf"
+    path.write_text(urdf().replace(*turning).replace(*follows))
+    assert load_arm(path).joint_names == ("p1", "p2", "p3", "q1", "q2", "q3")
+    assert load_arm(path, tip="f1").joint_names[-1] == "f1"
+
+
+def test_a_urdf_is_read_with_prefixes_that_nothing_declares(tmp_path: Path) -> None:
+    path = tmp_path / "six.urdf"
+    path.write_text(urdf('<gazebo><sensor:camera name="eye"/></gazebo>'))
+    assert len(load_arm(path)) == 6
+
+
+def test_a_base_that_is_fixed_to_a_world_stands_where_that_says(tmp_path: Path) -> None:
+    path = tmp_path / "six.urdf"
+    path.write_text(
+        urdf(
+            '<link name="world"/><joint name="w" type="fixed"><parent link="world"/><child link="base"/>'
+            '<origin xyz="0 0 1"/></joint>'
+        )
+    )
+    np.testing.assert_allclose(load_arm(path).joints[0].frame.position, (0.0, 0.0, 1.2))
+
+
 def test_an_mjcf_is_read_without_its_meshes(tmp_path: Path) -> None:
     body = '<inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/><geom type="mesh" mesh="nowhere"/>'
     text, ends = "", ""
@@ -139,6 +165,31 @@ def test_an_mjcf_is_read_without_its_meshes(tmp_path: Path) -> None:
     np.testing.assert_allclose(position, [0.85, 0.0, 0.45], atol=1e-9)
 
 
+BODY = '<body name="b"><joint name="j" type="hinge"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+BAD_MJCF = {
+    "is NaN": BODY.replace('type="hinge"', 'type="hinge" range="nan 1"'),
+    "not a model that mujoco reads": BODY.replace('mass="1"', 'mass="-1"'),
+    "joint j neither turns nor slides": BODY.replace('"hinge"', '"ball"'),
+    "Error opening file 'nowhere.xml'": '<include file="nowhere.xml"/>',
+    "nesting is too deep": "<body>" * 10_000,
+    "at least 6": BODY,
+}
+
+
+@pytest.mark.parametrize("message", sorted(BAD_MJCF))
+def test_a_bad_mjcf_is_told_in_one_line_and_nothing_is_written(
+    message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where mujoco writes its log
+    path = tmp_path / "bad.xml"
+    path.write_text(f"<mujoco><worldbody>{BAD_MJCF[message]}</worldbody></mujoco>")
+    with pytest.raises(FormatError, match=message) as caught:
+        load_arm(path)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == [path]
+
+
 BAD_URDF = {
     "'wrist'": (urdf(), "wrist"),
     "is of the type 'floating'": (
@@ -153,6 +204,41 @@ BAD_URDF = {
     "2 have no parent": (urdf('<link name="lost"/>'), None),
     "its child link 'nobody' is not there": (
         urdf('<joint name="x" type="fixed"><parent link="qc"/><child link="nobody"/></joint>'), None,
+    ),
+    "the links form a circle: base -> base": (
+        urdf('<joint name="x" type="fixed"><parent link="base"/><child link="base"/></joint>'), None,
+    ),
+    "two links are named pa": (urdf(LINK.format("pa", "pa")), None),
+    "its axis has no direction": (urdf().replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), None),
+    "its child link None is not there": (urdf().replace('<child link="pb"/>', ""), None),
+    "'${d1}' is no finite number: expand the xacro file first": (urdf().replace('"0 0 0.2"', '"0 0 ${d1}"', 1), None),
+    "'inf' is no finite number": (urdf().replace('velocity="3"', 'velocity="inf"', 1), None),
+    "ixx: 'nan' is no finite number": (urdf().replace('ixx="0.01"', 'ixx="nan"'), None),
+    "'1e300' is larger than 1e+30": (urdf().replace('mass value="1"', 'mass value="1e300"'), None),
+    "which is less than 0": (urdf().replace('mass value="1"', 'mass value="-1"'), None),
+    "more than 10000 kg: is it in grams?": (urdf().replace('mass value="1"', 'mass value="100000"'), None),
+    "200 m away, more than 10 m: is it in millimetres?": (urdf().replace('"0 0 0.2"', '"0 0 200"'), None),
+    "turned by 90 rad, more than two turns: is it in degrees?": (
+        urdf().replace('<origin xyz="0 0 0.2"/>', '<origin xyz="0 0 0.2" rpy="90 0 0"/>'), None,
+    ),
+    "has 5 joints between its base and its tip": (
+        urdf().replace('<axis xyz="1 0 0"/></joint>', '<axis xyz="1 0 0"/><mimic joint="p1"/></joint>', 1), None,
+    ),
+    "a <joint> has a name of 100000 letters": (urdf().replace('name="p1"', f'name="{"p" * 100_000}"'), None),
+    "is of the type 'xxx": (urdf().replace('type="revolute"', f'type="{"x" * 100}"', 1), None),
+    "declares the entity 'a'": (
+        '<!DOCTYPE r [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><robot name="&b;"><link name="x"/></robot>', None,
+    ),
+    "'passwd'": ('<!DOCTYPE r [<!ENTITY passwd SYSTEM "file:///etc/passwd">]><robot name="&passwd;"/>', None),
+    "not XML: no element": ("<robot>" + "<a>" * 100_000, None),
+    "at most 30 are read": (
+        '<robot name="snake">' + "".join(LINK.format(f"l{i}", "x") for i in range(101)) + "".join(
+            f'<joint name="j{i}" type="continuous"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'
+            for i in range(100)
+        ) + "</robot>", None,
+    ),
+    "the robot has 3001 links, at most 2000 are read": (
+        '<robot name="chain">' + "".join(f'<link name="l{i}"/>' for i in range(3001)) + "</robot>", None,
     ),
     "the link of joint q1 has no inertia": (urdf(without=LINK.format("qa", "qa")) .replace(
         "</robot>", '<link name="qa"/></robot>'), None),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime import Friction, Plan
+from runtime import Friction, Limits, Plan
 from runtime.arms.description import Frame
 from runtime.arms.files import to_csv, to_json, to_mcap
 from runtime.arms.load import arm_names, load_arm
@@ -137,6 +137,20 @@ def test_the_home_of_a_shipped_arm_is_as_easy_as_the_search_finds() -> None:
     arm = load_arm("ur5e")
     found = find_place(ArmModel(replace(arm, home=None)), cached=False)
     assert find_place(ArmModel(arm)).share <= 1.02 * found.share
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_the_joints_of_a_shipped_arm_keep_their_ranges_wherever_the_pan_goes(name: str) -> None:
+    model = ArmModel(load_arm(name))
+    place, farthest = find_place(model), Limits().pan_reach
+    out, angle = (10 * t**3 - 15 * t**4 + 6 * t**5 for t in np.ogrid[0:1:1000j, 0:1:3000j])
+    radius = farthest * np.concatenate([out.ravel(), np.ones(3000), out.ravel()[::-1]])
+    turn = 2.0 * math.pi * np.concatenate([np.zeros(1000), angle.ravel(), np.ones(1000)])
+    path = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros_like(turn)], axis=1) @ place.rotation.T
+    motion = follow(model, place, place.position + path, np.gradient(path, DT, axis=0))
+    lower, upper = model.arm.range
+    assert (motion.angle > lower + 0.05).all()
+    assert (motion.angle < upper - 0.05).all()
 
 
 def test_a_posture_in_which_the_arm_is_stretched_is_no_share() -> None:
