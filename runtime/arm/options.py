@@ -24,7 +24,7 @@ class ArmOptions:
     paper_control: bool = option("Control without feed-forward and gravity terms.", False)
     gui: bool = option("Open the simulator's window, no faster than real time.", False)
     video: Path | None = option("Film to write.", metavar="MP4")
-    friction: float | None = option("Friction in the simulator; 0.5 if not given.", metavar="MU")
+    friction: float | None = option("Friction in the simulator; the plan's kinetic one if not given.", metavar="MU")
     object_mass: float | None = option("Mass of the object; 0.1 kg if not given.", metavar="KG")
     noise: float | None = option("Spread of the measured object position (m).", metavar="M")
     camera_rate: float | None = option("Closed loop by a camera of so many frames a second.", metavar="HZ")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import os
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +99,8 @@ def run_on_arm(
     plan = Plan.load(plan_file)
     with reading(str(plan_file)):
         check_plan(plan)
+    if options.friction is None:
+        settings = replace(settings, friction=plan.friction.kinetic)
     arm, loop = _arm(settings, choice), _Loop(options)
     hooks = [*(event.hook(arm.engine) for event in events), *hooks]
     with ExitStack() as stack:
@@ -212,8 +216,8 @@ def _check_outputs(options: ArmOptions, report: Path | None) -> None:
         check_film(options.video)
         check_writable(options.video)
         check_ffmpeg(options.simulator or Simulator.PYBULLET)
-    if options.gui and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        raise InputError("--gui needs a display: DISPLAY is not set")  # the simulator would end the process
+    if options.gui:
+        _check_display()
     if options.model is not None and options.server is not None:
         raise InputError("--model and --server: the server has a model of its own")
     if options.log is not None:
@@ -222,6 +226,28 @@ def _check_outputs(options: ArmOptions, report: Path | None) -> None:
         raise InputError("--camera-rate, --latency, --dropout and --identify need --closed-loop without --server")
     if options.model is not None and not options.closed_loop:
         raise InputError("--model needs --closed-loop: open loop, the plan alone moves the pan")
+
+
+def _check_display() -> None:
+    """Check that a window can be opened: where it cannot, the simulators would end the process.
+
+    Raises:
+        InputError: there is no display.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    name = os.environ.get("DISPLAY")
+    if not name:
+        raise InputError("--gui needs a display: DISPLAY is not set")
+    library = ctypes.util.find_library("X11")
+    if library is None:
+        return
+    x11 = ctypes.CDLL(library)
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    display = x11.XOpenDisplay(None)
+    if not display:
+        raise InputError(f"--gui needs a display: DISPLAY is {name!r}, which does not open")
+    x11.XCloseDisplay(ctypes.c_void_p(display))
 
 
 def _simulated(options: ArmOptions) -> Simulated:

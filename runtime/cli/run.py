@@ -72,7 +72,8 @@ def _run_on_arm(plan_file: Path, options: ArmOptions, choice: ArmChoice, report:
     elif outcome.results is not None:
         document = outcome.document
         shares = [f"{name} {share:.0%}" for name, share in document["limits"].items()]
-        more = [("of the joints' limits", ", ".join(shares))] if shares else []
+        more = [("friction in the simulator", f"{document['friction']:g}")]
+        more += [("of the joints' limits", ", ".join(shares))] if shares else []
         more += outcome.rows
         written = (("video", options.video), ("report", report), ("log", options.log))
         more += [(name, str(path)) for name, path in written if path]

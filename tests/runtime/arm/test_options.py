@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes.util
 import sys
 from pathlib import Path
 
@@ -88,6 +89,13 @@ def test_gui_without_a_display_is_refused(
     monkeypatch.delenv("DISPLAY", raising=False)
     code, _, err = slide_run(shake_file, "--pybullet", "--gui")
     assert (code, err) == (2, "slide-run: error: --gui needs a display: DISPLAY is not set\n")
+    if ctypes.util.find_library("X11") is None:
+        return
+    monkeypatch.setenv("DISPLAY", ":nowhere")
+    code, _, err = slide_run(shake_file, "--simulator", "mujoco", "--gui")
+    assert (code, err) == (
+        2, "slide-run: error: --gui needs a display: DISPLAY is ':nowhere', which does not open\n",
+    )  # fmt: skip
 
 
 def test_missing_pybullet_is_said_with_the_pip_command(

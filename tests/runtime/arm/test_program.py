@@ -182,6 +182,14 @@ def test_report_and_film_are_written(slide_run: SlideRun, shake_file: Path, tmp_
     assert frames > 60, "the plan and the tail, a picture every 10 ms"
 
 
+def test_the_simulators_friction_is_the_plans_unless_another_is_given(slide_run: SlideRun, shake_file: Path) -> None:
+    Plan.of_accelerations(np.zeros((50, 2)), Friction(0.3, 0.25), "still").save(shake_file)
+    for options, friction in (((), 0.25), (("--friction", "0.4"), 0.4)):
+        code, out, err = slide_run(shake_file, "--pybullet", "--json", *options)
+        assert (code, err) == (0, "")
+        assert json.loads(out)["friction"] == friction
+
+
 def test_friction_and_mass_are_the_simulators(slide_run: SlideRun, shake_file: Path) -> None:
     moved = {}
     for friction in ("0.2", "2.0"):
