@@ -41,7 +41,7 @@ def screenshots(
         _take(_example(browser, address, 1280, "light", "Signature"), folder / "page-wide.png")
         _take(_example(browser, address, 360, "light", "Eight"), folder / "page-narrow.png")
         _take(_example(browser, address, 1280, "dark", "Strokes"), folder / "page-dark.png")
-        _take(_with_arm(browser, address), folder / "page-arm.png", whole=False)
+        _take(_with_arm(browser, address), folder / "page-arm.png")
         _take(_in_closed_loop(browser, address), folder / "page-loop.png", whole=False)
         _take(_off_the_pan(browser, address, Path(made)), folder / "page-off-pan.png", whole=False)
         report = Path(made) / "report.html"
@@ -61,14 +61,14 @@ def _example(browser: Browser, address: str, width: int, scheme: str, example: s
 
 def _with_arm(browser: Browser, address: str) -> Page:
     """Show an arm's limits and the arm that keeps them, beside the pan."""
-    page = _open(browser, 1280, "light", address, height=1180)
+    page = _open(browser, 1280, "light", address)
     page.locator("#limits-row summary").click()
     page.select_option("#arm", label="UR10e, level")
     page.select_option("#pan", index=3)  # of steel
     page.locator("#arm-card summary").click()
     page.get_by_role("button", name="Circle", exact=True).click()
     settle(page)
-    page.wait_for_selector("#arm-note", state="hidden")
+    page.wait_for_selector("#arm-card[data-shows=ur10e]")
     seek(page, MOMENT)
     return page
 

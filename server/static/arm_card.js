@@ -70,6 +70,7 @@ export class ArmCard {
       await this.#view.take(name);
       if (name !== $("robot").value) return void await this.#take();  // another was chosen meanwhile
       this.#ready = true;
+      $("arm-card").dataset.shows = name;
       this.show(...this.#shown);
     } catch (error) {
       const lost = error instanceof TypeError;  // of a module that does not come

@@ -73,7 +73,7 @@ def test_the_arm_is_loaded_when_it_is_opened_and_moves_with_the_pan(
     assert not [url for url in asked if "three" in url or "/arms/" in url]
     page.locator("#arm-card summary").click()
     expect(page.locator("#arm-note")).to_be_hidden()
-    page.wait_for_function("() => performance.getEntriesByType('resource').some((e) => e.name.includes('ur5e.toml'))")
+    page.wait_for_selector("#arm-card[data-shows=ur5e]")
     seek(page, 0.0)
     first = pixels(page)
     seek(page, 0.6)
@@ -84,7 +84,7 @@ def test_the_arm_is_loaded_when_it_is_opened_and_moves_with_the_pan(
     assert pixels(page) != second
     assert page.inner_text("#now") == "0.600"  # the keys turned the view, not the clock
     page.select_option("#robot", label="Franka FR3")
-    page.wait_for_function("() => performance.getEntriesByType('resource').some((e) => e.name.includes('fr3.toml'))")
+    page.wait_for_selector("#arm-card[data-shows=fr3]")
     expect(page.locator("#arm-note")).to_be_hidden()
 
 
