@@ -72,17 +72,14 @@ export class Planning {
     const candidates = Math.min(CANDIDATES, max_candidates, Math.floor(max_chunks / chunks));
     const refine = Math.min(REFINE_MS, max_refine_ms);
     const more = { tolerance: TOLERANCE, ...(candidates > 1 && { candidates }) };
-    try {
-      if (refine > 0) return await ask({ ...more, refine_ms: refine });
-    } catch (error) {
-      if (error.status === 422) this.#most.max_refine_ms = 0;  // it cannot, and says so
-      if (error.status !== 422 && error.status !== 503) throw error;
+    for (const refined of refine > 0 ? [{ refine_ms: refine }, {}] : [{}]) {
+      try {
+        return await ask({ ...more, ...refined });
+      } catch (error) {
+        if (error.status === 422 && refined.refine_ms) this.#most.max_refine_ms = 0;  // it cannot, and says so
+        else if (![429, 503, 504].includes(error.status)) throw error;
+      }
     }
-    try {
-      return await ask(more);
-    } catch (error) {
-      if ([429, 503, 504].includes(error.status)) return null;
-      throw error;
-    }
+    return null;
   }
 }

@@ -172,6 +172,29 @@ def test_a_server_that_starts_is_waited_for(page_server: Any, open_page: Callabl
     assert len(asked) == 3
 
 
+def test_a_plan_that_is_there_is_kept_quietly_where_the_better_one_comes_too_late(
+    page_server: Any, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(page_server.url, complains=True)
+    info = httpx.get(f"{page_server.url}/info").json()
+    info["settings"]["max_refine_ms"] = 200.0
+
+    def answer(route: Any) -> None:
+        if "tolerance" in route.request.post_data_json:  # of the better one alone
+            route.fulfill(status=504, body="")
+        else:
+            route.continue_()
+
+    page.route("**/info", lambda route: route.fulfill(body=json.dumps(info)))
+    page.route("**/plan", answer)
+    page.reload()
+    expect(page.locator("#footer")).to_contain_text("Model")
+    draw(page)
+    settle(page)
+    expect(page.get_by_role("alert")).to_be_hidden()
+    assert "Planned in" in page.inner_text("#summary")
+
+
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed: npm ci --prefix browser")
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 1280), ("light", 360)])
 def test_axe_finds_nothing(page_server: Any, open_page: Callable[..., Page], scheme: str, width: int) -> None:
