@@ -74,10 +74,10 @@ def test_what_the_page_executes_keeps_the_limits_and_the_law(page_server: Any, o
     friction, limits = Friction(0.6, 0.4), Limits(0.15, speed=1.5, acceleration=20.0, jerk=8000.0)
     ran = page.evaluate(
         """async ([friction, limits]) => {
-          const { Loop } = await import('/loop.js');
+          const { Loop } = await import('/loop.js'), { Stream } = await import('/stream.js');
           const dt = 0.001, positions = Array.from({ length: 800 }, (_, k) => [0.05 * (1 - Math.cos(k / 130)), 0]);
           const planned = { dt, radius: { pan: 0.18, object: 0.03 }, quality: { limits: {} } };
-          const loop = new Loop(planned, positions, { friction, limits }, () => {});
+          const loop = new Loop(planned, positions, { friction, limits }, (opening) => new Stream(opening), () => {});
           for (let tries = 0; loop.count < 1500 && !loop.lost && tries < 5000; tries++) {
             loop.pointer = () => loop.count > 300 && loop.count < 316 ? [0.05, 0.04] : null;
             loop.goOn(loop.made + 0.008, 10);
