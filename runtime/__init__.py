@@ -8,6 +8,7 @@ plan.save("plan.json")
 import runtime.interrupt  # noqa: F401 (Ctrl-C is answered by it, also while the rest is imported)
 from runtime.command import Command
 from runtime.commands.reading import Reading
+from runtime.compilation import compile_law
 from runtime.errors import (
     BundleError,
     ConcurrentUseError,
@@ -20,7 +21,6 @@ from runtime.errors import (
 )
 from runtime.friction import Friction
 from runtime.limits import Limits
-from runtime.physics.law import compile_law
 from runtime.plan import Plan
 from runtime.planner import Planner
 from runtime.quality import Quality, Status

@@ -36,6 +36,7 @@ ROOMS = [
     "measured",
     "observe",
     "safety",
+    "compilation",
     "commands",
     "command",
     "network",

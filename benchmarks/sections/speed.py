@@ -22,12 +22,13 @@ from benchmarks.harness.timing import Spread, environment_with_runtime, interlea
 from benchmarks.suite.families import NOMINAL, SAMPLES, shapes, spline
 from runtime.cli.console import BAD_INPUT
 from runtime.cli.plan import PAPER_SAMPLES_PER_SECOND
+from runtime.compilation import compile_law
 from runtime.documents.checks import FloatArray
 from runtime.errors import MissingExtraError, SlideError, extra
 from runtime.network.bundle import Bundle
 from runtime.network.reader import chunk_samples
 from runtime.network.units import OBSERVED, READ
-from runtime.physics.law import compile_law, slide_batch, slide_one
+from runtime.physics.law import slide_batch, slide_one
 from runtime.planner import Planner
 
 LAW_SAMPLES = 300

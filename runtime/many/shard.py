@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from runtime.commands.reading import Reading
+from runtime.compilation import compile_law
 from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError, InputError, OutputError, extra
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.many.records import Ask, Record, Shard, read, reason
-from runtime.physics.law import compile_law
 from runtime.plan import Plan
 from runtime.planner import Planner
 from runtime.sizes import Sizes

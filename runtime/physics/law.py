@@ -227,11 +227,8 @@ class CompiledLaw:
 _compiled: CompiledLaw | None = None
 
 
-def compile_law(use: bool = True) -> bool:
-    """Let numba run the law of plans and streams from now on, in all of this process, or no longer.
-
-    It saves up to a millisecond a plan, and takes a second or two and 130 MB, so a program that plans once is better
-    off without; a service or a controller calls it when it starts. The states are the same to the last bit.
+def run_compiled(use: bool) -> bool:
+    """Let numba run the law from now on, in all of this process, or no longer; see `runtime.compilation.compile_law`.
 
     Returns:
         Whether numba is used: False where it is not installed.
@@ -246,7 +243,7 @@ def compile_law(use: bool = True) -> bool:
 
 
 def compiled_law() -> CompiledLaw | None:
-    """Return the law as numba runs it, None where it does not; see `compile_law`."""
+    """Return the law as numba runs it, None where it does not."""
     return _compiled
 
 

@@ -330,7 +330,8 @@ def _braking(end: PanState, limits: Limits, friction: Friction) -> float:
 
 
 def _can_stop(end: PanState, limits: Limits, braking: float) -> bool:
-    return stop_extent(end, find_brake(end, limits, min(braking, strongest(end, limits)))).within(limits)
+    most = strongest(end, limits.acceleration, limits.jerk)
+    return stop_extent(end, find_brake(end, limits, min(braking, most))).within(limits)
 
 
 def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, chunk: int) -> tuple[Motion, Pan]:

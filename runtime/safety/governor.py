@@ -27,8 +27,10 @@ import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.limits import LARGEST_SINK, Limits
+from runtime.physics.compiled import compiler
 from runtime.physics.law import DT
 from runtime.physics.pan import integrate_pan
+from runtime.safety.free import FreeChunks
 from runtime.safety.pan import Pan, state_after
 from runtime.safety.stop import PanState
 
@@ -50,8 +52,36 @@ def govern(pans: Sequence[Pan], asked: FloatArray) -> tuple[FloatArray, FloatArr
         (B, C, 3) accelerations within the limits (m/s^2), (B, C, 6) pan position (m) and velocity (m/s) after each
         sample, and the pans after the chunk.
     """
-    before = np.array([pan.state for pan in pans])
-    u = follow(before[:, 6:], _level(asked, pans), [pan.limits for pan in pans])
+    before, limits = np.array([pan.state for pan in pans]), [pan.limits for pan in pans]
+    free_chunks = _free_chunks  # which another thread may replace
+    if free_chunks is None:
+        return _govern(pans, before, limits, asked)
+    free = free_chunks.find(before, asked, limits)
+    if free.rows.all():
+        return asked, free.states, [free.pan(row, asked[row], each) for row, each in enumerate(limits)]
+    held = np.flatnonzero(~free.rows).tolist()
+    some = _govern([pans[row] for row in held], before[held], [limits[row] for row in held], asked[held])
+    u, states = asked.copy(), free.states
+    u[held], states[held] = some[:2]
+    after = dict(zip(held, some[2], strict=True))
+    return u, states, [after.get(row) or free.pan(row, u[row], each) for row, each in enumerate(limits)]
+
+
+def run_compiled(use: bool) -> None:
+    """Let numba find the chunks that need no change from now on, in all of this process, or no longer."""
+    global _free_chunks
+    compile_one = compiler() if use else None
+    _free_chunks = None if compile_one is None else FreeChunks(compile_one)
+
+
+_free_chunks: FreeChunks | None = None
+
+
+def _govern(
+    pans: Sequence[Pan], before: FloatArray, limits: Sequence[Limits], asked: FloatArray
+) -> tuple[FloatArray, FloatArray, list[Pan]]:
+    """Do what `govern` does; `before` are the pans' states (B, 9), `limits` theirs."""
+    u = follow(before[:, 6:], _level(asked, pans), limits)
     states = integrate_pan(before[:, :6], u)
     farthest = np.sqrt(_squares(states[..., :2]).max(axis=1)).tolist()
     ends = np.concatenate([states[:, -1], u[:, -1]], axis=1).tolist()

@@ -89,7 +89,7 @@ def kindest_stop(
 
 def _strengths(state: PanState, limits: Limits, friction: Friction) -> Iterator[float]:
     """Yield braking accelerations (m/s^2) from the gentlest to the strongest; the first is often enough."""
-    most = strongest(state, limits)
+    most = strongest(state, limits.acceleration, limits.jerk)
     least = min(most, math.hypot(*state[3:6]) / LONGEST_STOP)
     holding, carrying = (gentle_strength(coefficient, limits) for coefficient in (friction.kinetic, friction.static))
     gentlest = min(max(holding, least), most)

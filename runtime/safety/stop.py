@@ -18,7 +18,6 @@ between the heights, or in the ball of speeds, all of the stop is, and checking 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -29,6 +28,8 @@ from runtime.limits import LARGEST_SINK, Limits
 from runtime.physics.law import DT, GRAVITY
 
 Triple = tuple[float, float, float]
+Moving = tuple[float, float, float, float, float, float]
+"""Position (m) and velocity (m/s)."""
 
 NOTHING: Triple = (0.0, 0.0, 0.0)
 
@@ -100,17 +101,22 @@ SHORT_RAMP = 0.01
 """Time (s) from no acceleration to the limit up to which a stop uses all of the limit, whatever it needs."""
 
 
-def strongest(state: PanState, limits: Limits) -> float:
-    """Return the largest braking acceleration of the quickest stop (m/s^2).
+def size(x: float, y: float, z: float) -> float:
+    """Return the length of a vector: by the same operations compiled and not, which `math.hypot` would not be."""
+    return math.sqrt(x * x + y * y + z * z)
+
+
+def strongest(state: PanState, acceleration: float, jerk: float) -> float:
+    """Return the largest braking acceleration (m/s^2) of the quickest stop within these limits.
 
     It is the limit, unless the way to the limit and back takes so long that the pan would stand still before: then it
     is the peak of the stop that goes up and at once down again, so that a looser limit makes no stop longer.
     """
-    if limits.acceleration <= limits.jerk * SHORT_RAMP:
-        return limits.acceleration
-    speed, push = math.hypot(*state[3:6]), math.hypot(*state[6:])
-    peak = math.sqrt(limits.jerk * speed + 0.5 * push * push)
-    return min(limits.acceleration, max(peak, limits.jerk * DT))
+    if acceleration <= jerk * SHORT_RAMP:
+        return acceleration
+    speed, push = size(state.vx, state.vy, state.vz), size(state.ux, state.uy, state.uz)
+    peak = math.sqrt(jerk * speed + 0.5 * push * push)
+    return min(acceleration, max(peak, jerk * DT))
 
 
 def find_brake(state: PanState, limits: Limits, strength: float | None = None) -> Brake:
@@ -121,21 +127,32 @@ def find_brake(state: PanState, limits: Limits, strength: float | None = None) -
         limits: acceleration and jerk; finite.
         strength: largest braking acceleration (m/s^2), at most the limit; that of the quickest stop if None.
     """
-    strength = strongest(state, limits) if strength is None else min(strength, limits.acceleration)
-    step = limits.jerk * DT
+    if strength is None:
+        strength = strongest(state, limits.acceleration, limits.jerk)
+    return quickest(state, limits.jerk * DT, min(strength, limits.acceleration))
+
+
+def quickest(state: PanState, step: float, strength: float) -> Brake:
+    """Return the quickest stop with braking accelerations of at most `strength`, which change by `step` a sample."""
     ramp_out = math.ceil(strength / step)
     # From any acceleration to any braking one: long enough whatever comes out.
-    ramp_in = max(1, math.ceil((math.hypot(*state[6:]) + strength) / step))
-    brake = _brake(state, ramp_in, ramp_out, strength)
-    shorter = max(1, math.ceil(math.dist(brake.w, brake.u) / step))
+    ramp_in = max(1, math.ceil((size(state.ux, state.uy, state.uz) + strength) / step))
+    brake = with_ramps(state, ramp_in, ramp_out, strength)
+    shorter = max(1, math.ceil(change(brake) / step))
     if shorter < ramp_in:
-        quicker = _brake(state, shorter, ramp_out, strength)
-        if math.dist(quicker.w, quicker.u) <= step * shorter:
+        quicker = with_ramps(state, shorter, ramp_out, strength)
+        if change(quicker) <= step * shorter:
             return quicker
     return brake
 
 
-def _brake(state: PanState, ramp_in: int, ramp_out: int, strength: float) -> Brake:
+def change(brake: Brake) -> float:
+    """Return how far a stop's acceleration goes in its first phase (m/s^2)."""
+    u, w = brake.u, brake.w
+    return size(w[0] - u[0], w[1] - u[1], w[2] - u[2])
+
+
+def with_ramps(state: PanState, ramp_in: int, ramp_out: int, strength: float) -> Brake:
     """Return the shortest stop with these ramps whose braking acceleration is at most `strength`, and sinks as it may.
 
     A pan that comes down fast is braked upwards, with all of the limit; one that goes up, by LARGEST_SINK at most.
@@ -145,10 +162,11 @@ def _brake(state: PanState, ramp_in: int, ramp_out: int, strength: float) -> Bra
     qy = state.vy / DT + before * state.uy
     qz = state.vz / DT + before * state.uz
     ramps = 0.5 * (ramp_in + ramp_out)
-    needed = max(math.hypot(qx, qy, qz) / strength, qz / LARGEST_SINK)
+    needed = max(size(qx, qy, qz) / strength, qz / LARGEST_SINK)
     hold = max(0, math.ceil(needed - ramps))
     weight = ramps + hold
-    return Brake(state[6:], (-qx / weight, -qy / weight, -qz / weight), ramp_in, hold, ramp_out)
+    before_it, held = (state.ux, state.uy, state.uz), (-qx / weight, -qy / weight, -qz / weight)
+    return Brake(before_it, held, ramp_in, hold, ramp_out, 0)
 
 
 def stop_extent(state: PanState, brake: Brake) -> Extent:
@@ -158,23 +176,21 @@ def stop_extent(state: PanState, brake: Brake) -> Extent:
         state: where the pan is before the stop's first sample.
         brake: the stop, nothing of it done yet.
     """
-    u, w, ramp_in, hold, ramp_out, _ = brake
-    moved, extent = _phase(state, u, w, ramp_in, _extent_of(state))
-    if hold:
-        moved, extent = _phase(moved, w, w, hold, extent)
-    _, (reach, height, speed) = _phase(moved, w, NOTHING, ramp_out, extent)
+    reach, height, speed = squared_extent(state, brake)
     return Extent(math.sqrt(reach), height, math.sqrt(speed))
 
 
-def _extent_of(state: PanState) -> tuple[float, float, float]:
-    """Return the square of the distance in the plane (m^2), the height (m), and the square of the speed (m^2/s^2)."""
-    x, y, z, vx, vy, vz = state[:6]
-    return x * x + y * y, abs(z), vx * vx + vy * vy + vz * vz
+def squared_extent(state: PanState, brake: Brake) -> Triple:
+    """Return `stop_extent` with the squares of distance (m^2) and speed (m^2/s^2)."""
+    x, y, z, vx, vy, vz = state.x, state.y, state.z, state.vx, state.vy, state.vz
+    begin = x * x + y * y, abs(z), vx * vx + vy * vy + vz * vz
+    moved, extent = phase((x, y, z, vx, vy, vz), brake.u, brake.w, brake.ramp_in, begin)
+    if brake.hold > 0:
+        moved, extent = phase(moved, brake.w, brake.w, brake.hold, extent)
+    return phase(moved, brake.w, (0.0, 0.0, 0.0), brake.ramp_out, extent)[1]
 
 
-def _phase(
-    state: Sequence[float], u: Triple, w: Triple, count: int, extent: tuple[float, float, float]
-) -> tuple[Sequence[float], tuple[float, float, float]]:
+def phase(state: Moving, u: Triple, w: Triple, count: int, extent: Triple) -> tuple[Moving, Triple]:
     """Move the pan along accelerations that go from u to w in even steps, j = 1..count, in closed form.
 
     With the step s = (w - u)/count, the velocity after k of them is v + u t + s dt (k^2 + k)/2, t = k dt: a parabola,
@@ -187,12 +203,12 @@ def _phase(
         u: acceleration before (m/s^2).
         w: the last (m/s^2).
         count: number of samples, at least 1.
-        extent: so far, as `_extent_of` gives it.
+        extent: so far, as `squared_extent` gives it.
 
     Returns:
         Position and velocity after, and `extent` with the ends and the inner Bézier points taken in.
     """
-    x, y, z, vx, vy, vz = state[:6]
+    x, y, z, vx, vy, vz = state
     ux, uy, uz = u
     sx, sy, sz = (w[0] - ux) / count, (w[1] - uy) / count, (w[2] - uz) / count
     t = count * DT
@@ -252,7 +268,7 @@ def gentle_strength(coefficient: float, limits: Limits) -> float:
 
 def gentle_stop(state: PanState, limits: Limits, friction: Friction) -> Brake | None:
     """Return the gentlest of a few stops within the limits, from GENTLE of the friction to the strongest, or None."""
-    most = strongest(state, limits)
+    most = strongest(state, limits.acceleration, limits.jerk)
     gentlest = min(gentle_strength(friction.static, limits), most)
     for strength in np.linspace(gentlest, most, STRENGTHS).tolist():
         if strength > 0.0:

@@ -25,9 +25,9 @@ import numpy as np
 import orjson
 
 from runtime import BundleError, InputError, MissingExtraError, Plan, Planner, SlideError, Status
+from runtime.compilation import compile_law
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle, Float32Array, LstmState
-from runtime.physics.law import compile_law
 from server import logs
 from server.planning.messages import LANES, Batch, Channel, Lane, PlanFailure, PlanJob, PlannerOptions, PlanReply
 from server.problems import Problem

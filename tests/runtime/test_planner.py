@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from runtime import BundleError, Command, Friction, InputError, Limits, Plan, Planner, Sizes, Start, Status
 from runtime.commands.reading import Reading
+from runtime.compilation import compile_law
 from runtime.network.decode import decode
 from runtime.network.job import Job
 from runtime.network.units import (
@@ -23,7 +24,7 @@ from runtime.network.units import (
     UNREAD,
     WINDOW,
 )
-from runtime.physics.law import BATCHED_FROM, compile_law, slide_one
+from runtime.physics.law import BATCHED_FROM, slide_one
 from runtime.physics.pan import integrate_pan
 
 from .conftest import WatchedBundle

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from runtime.errors import InputError
 from runtime.friction import Friction
-from runtime.physics.law import DT, GRAVITY, compile_law, slide, slide_batch, slide_one, slide_step, slide_step_batch
+from runtime.physics.law import DT, GRAVITY, run_compiled, slide, slide_batch, slide_one, slide_step, slide_step_batch
 from runtime.physics.pan import integrate_pan
 
 CASES = 10_000
@@ -96,11 +96,11 @@ def test_pan_that_lifts_by_nothing_is_a_level_one_to_the_last_bit(compiled):
     if compiled:
         pytest.importorskip("numba")
     try:
-        assert compile_law(compiled) == compiled
+        assert run_compiled(compiled) == compiled
         for start, level, lifted in zip(starts, u, lifting, strict=True):
             np.testing.assert_array_equal(slide_one(start, lifted, Friction()), slide_one(start, level, Friction()))
     finally:
-        compile_law(False)
+        run_compiled(False)
     np.testing.assert_array_equal(slide_batch(starts, lifting, 1.0, 0.5), slide_batch(starts, u, 1.0, 0.5))
     pan = integrate_pan(np.zeros((20, 6)), lifting)
     np.testing.assert_array_equal(pan[..., [0, 1, 3, 4]], integrate_pan(np.zeros((20, 4)), u))
@@ -214,10 +214,10 @@ def test_compiled_law_moves_objects_as_the_plain_one_does_to_the_last_bit(lifts)
     plain = [slide_one(*one, Friction(1.0, 0.5)) for one in zip(starts, u, strict=True)]
     assert not np.array(plain)[:, :, 2:].any(axis=2).all()  # some rest
     try:
-        assert compile_law()
+        assert run_compiled(True)
         compiled = [slide_one(*one, Friction(1.0, 0.5)) for one in zip(starts, u, strict=True)]
         at_once = slide(starts, u, [Friction(1.0, 0.5)] * len(starts))
     finally:
-        assert not compile_law(False)
+        assert not run_compiled(False)
     np.testing.assert_array_equal(compiled, plain)
     np.testing.assert_array_equal(at_once, plain)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from runtime import Friction
-from runtime.physics.law import GRAVITY, compile_law, slide_one
+from runtime.physics.law import GRAVITY, run_compiled, slide_one
 from runtime.physics.positions import slide_positions, slide_positions_batch, slide_to_rest
 
 FRICTIONS = [Friction(1.0, 0.5), Friction(0.4, 0.4), Friction(0.2, 0.0), Friction(0.0, 0.0), Friction(10.0, 1.0)]
@@ -37,11 +37,11 @@ def test_compiled_law_gives_the_same_positions() -> None:
     u = np.random.default_rng(0).normal(0.0, 12.0, (300, 2))
     plain = slide_positions(np.zeros(4), u, FRICTIONS)
     try:
-        assert compile_law()
+        assert run_compiled(True)
         compiled = slide_positions(np.zeros(4), u, FRICTIONS)
         at_once = slide_positions_batch(np.zeros((3, 4)), np.stack([u] * 3), [FRICTIONS] * 3)
     finally:
-        compile_law(False)
+        run_compiled(False)
     np.testing.assert_allclose(compiled, plain, atol=1e-12)
     np.testing.assert_array_equal(at_once, [compiled] * 3)
 
@@ -53,10 +53,10 @@ def test_compiled_law_comes_to_rest_at_the_same_place() -> None:
     states = rng.normal(0.0, 0.2, (20, 4))
     plain = [slide_to_rest(*one, Friction(1.0, 0.5)) for one in zip(states, u, strict=True)]
     try:
-        assert compile_law()
+        assert run_compiled(True)
         compiled = [slide_to_rest(*one, Friction(1.0, 0.5)) for one in zip(states, u, strict=True)]
     finally:
-        compile_law(False)
+        run_compiled(False)
     np.testing.assert_allclose(compiled, plain, atol=1e-12)
 
 

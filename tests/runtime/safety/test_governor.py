@@ -19,7 +19,7 @@ from runtime.limits import LARGEST_SINK, NO_LIMITS
 from runtime.physics.law import DT, GRAVITY
 from runtime.physics.motion import lengths
 from runtime.physics.pan import integrate_pan
-from runtime.safety.governor import follow, govern
+from runtime.safety.governor import follow, govern, run_compiled
 from runtime.safety.pan import Pan
 from runtime.safety.stop import GENTLE, PanState, find_brake, gentle_stop, gentle_strength, stop_extent
 
@@ -346,3 +346,27 @@ def test_limits_at_the_ends_of_their_ranges_can_be_kept(limits: Limits) -> None:
     pan = Pan.at(PanState(*[0.0] * 9), limits)
     u, states, _ = drive(pan, list(KINDS), 1)
     check_limits(pan, u, states)
+
+
+def test_compiled_governor_does_the_same_to_the_last_bit() -> None:
+    pytest.importorskip("numba")
+    rng, limits = np.random.default_rng(0), [Limits(), Limits.named("panda"), Limits(height=0.1), Limits(0.05)]
+    k = np.arange(58) / 58.0
+    before, chunks, changed = [Pan.at_start(Start(), each) for each in limits], [], 0
+    for _ in range(40):
+        waves = rng.normal(0.0, rng.choice([1.0, 5.0, 15.0]), (4, 1, 3)) * np.sin(6.0 * k)[None, :, None]
+        last = np.array([pan.state[6:] for pan in before])
+        asked = last[:, None] * (1.0 - k)[None, :, None] ** 8 + waves * (1.0 - (1.0 - k) ** 8)[None, :, None]
+        chunks.append((before, asked, govern(before, asked)))
+        u, _, before = chunks[-1][2]
+        changed += int((u != asked).any(axis=(1, 2)).sum())
+    assert 10 < changed < 150
+    try:
+        run_compiled(True)
+        again = [govern(pans, asked) for pans, asked, _ in chunks]
+    finally:
+        run_compiled(False)
+    for (u, states, after), (_, _, plain) in zip(again, chunks, strict=True):
+        np.testing.assert_array_equal(u, plain[0])
+        np.testing.assert_array_equal(states, plain[1])
+        assert after == plain[2]
