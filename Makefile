@@ -32,7 +32,7 @@ test-short: $(VENV)/short.stamp ## run the tests of planning, programs and arms,
 	$(BIN)/python -m pytest tests/runtime/arm tests/runtime/arms tests/runtime/cli tests/runtime/test_recorded.py
 
 nightly: $(VENV)/dev.stamp ## the governor against 100,000 sequences of accelerations of each kind, 10,000 stops, and what streams are told
-	SLIDE_SEQUENCES=100000 SLIDE_PLANS=10000 $(BIN)/python -m pytest tests/runtime/safety --durations 5 --timeout 14400
+	SLIDE_SEQUENCES=100000 SLIDE_PLANS=10000 $(BIN)/python -m pytest -v tests/runtime/safety --durations 5 --timeout 14400
 	SLIDE_BROWSER_PLANS=200 SLIDE_BROWSER_SEQUENCES=20000 $(BIN)/python -m pytest tests/browser --timeout 3600
 	SLIDE_STEPS=100000 SLIDE_FALSE_READINGS=10000 $(BIN)/python -m pytest tests/runtime/test_sight.py --timeout 14400
 

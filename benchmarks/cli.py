@@ -16,6 +16,7 @@ from typing import Annotated, Any, get_origin, get_type_hints
 import typer
 
 from benchmarks.harness.machine import Machine, this_machine, versions
+from benchmarks.harness.markdown import write_into
 from benchmarks.harness.section import NAME, Section, Subject
 from benchmarks.harness.tables import machine_table, print_tables
 from benchmarks.harness.targets import Verdict, judge
@@ -200,21 +201,29 @@ def slide_bench(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the JSON object to.", metavar="FILE")
     ] = None,
+    page: Annotated[
+        Path | None, typer.Option("--page", help="Page of the documents to write the tables into.", metavar="FILE")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     if output is not None:
         check_writable(output)
     settings = settings_of(sections or (), options)
+    if page is not None:
+        write_into(_read(page), str(page), dict.fromkeys(settings, ()))  # refused before hours of measuring
     results = measure_sections(Subject.load(model), settings, _report)
     document = results.to_dict()
     if output is not None:
         write_whole(output, json.dumps(document, indent=2, allow_nan=False).encode() + b"\n")
+    tables = {name: SECTIONS[name].tables(each, results.verdicts[name]) for name, each in results.figures.items()}
+    if page is not None:
+        write_whole(page, write_into(_read(page), str(page), tables).encode())
     if as_json:
         print_json(document)
     else:
         print_tables([machine_table(results.machine, versions(), results.model)])
-        for name, figures in results.figures.items():
-            print_tables(SECTIONS[name].tables(figures, results.verdicts[name]))
+        for each in tables.values():
+            print_tables(each)
     for note in results.notes:
         say(NAME, f"note: {note}")
     unmet = [str(verdict) for verdict in results.judged if not verdict.met]
@@ -234,6 +243,18 @@ slide_bench.__doc__ = "\n".join(
         f"Without a section: {', '.join(USUAL)}. An option goes to every section that has it, named in brackets.",
     ]
 )
+
+
+def _read(page: Path) -> str:
+    """Return a page of the documents.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return page.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"--page: cannot read {page}: {error}") from error
 
 
 def _report(section: str) -> None:

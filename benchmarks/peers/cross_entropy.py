@@ -15,7 +15,6 @@ import numpy as np
 
 from benchmarks.peers.objective import (
     HORIZON,
-    KNOT,
     REPLAN,
     WIDTH,
     SamplingPlanner,
@@ -32,10 +31,10 @@ ELITE_SHARE = 0.05
 """Share of the candidates to which mean and spread are fitted."""
 
 FRESH_SPREAD = 8.0
-"""Standard deviation of knots that nothing is known about yet (m/s^2)."""
+"""Standard deviation of knots that nothing is known about yet (m/s^2), for ACCELERATION of the objective."""
 
 WARM_SPREAD = 5.0
-"""Standard deviation of knots carried over from the last planning (m/s^2)."""
+"""Standard deviation of knots carried over from the last planning (m/s^2), likewise."""
 
 
 class CrossEntropy(SamplingPlanner):
@@ -46,14 +45,16 @@ class CrossEntropy(SamplingPlanner):
     def plan(self, position: FloatArray, friction: Friction) -> FloatArray:
         """Plan one command."""
         samples = len(position)
-        u = np.empty((samples + KNOT * REPLAN, self.axes))
+        u = np.empty((samples + self.span * REPLAN, self.axes))
         elites = max(int(ELITE_SHARE * self.candidates), 4)
         _plan(
-            held_command(position),
+            held_command(position, self.span),
             samples,
+            self.span,
             friction.static,
             friction.kinetic,
             self.bounds,
+            self.strength,
             self.candidates,
             self.iterations,
             elites,
@@ -70,20 +71,24 @@ def _price(
     knots: Any,
     command: Any,
     first: int,
+    span: int,
     static: float,
     kinetic: float,
     bounds: Any,
     state: Any,
     ceiling: float,
 ) -> float:
-    """Price one candidate from the state `start`; infinite from `ceiling` on. `state` is overwritten."""
+    """Price one candidate, whose knots have `span` samples, from the state `start`; infinite from `ceiling` on.
+
+    `state` is overwritten.
+    """
     state[:] = start
     price = 0.0
     last = before
     for knot in range(HORIZON):
         u = knots[knot]
-        price += price_of_change(u, last)
-        price += move(state, u, command, first + KNOT * knot, static, kinetic, bounds)
+        price += price_of_change(u, last, span, bounds)
+        price += move(state, u, command, first + span * knot, span, static, kinetic, bounds)
         last = u
         if price >= ceiling:
             return np.inf
@@ -104,9 +109,11 @@ def _draw(mean: Any, spread: Any, bounds: Any, axes: int, knots: Any) -> None:
 def _plan(
     command: Any,
     samples: int,
+    span: int,
     static: float,
     kinetic: float,
     bounds: Any,
+    strength: float,
     candidates: int,
     iterations: int,
     elites: int,
@@ -119,12 +126,12 @@ def _plan(
     state, scratch = np.zeros(WIDTH), np.zeros(WIDTH)
     before = np.zeros(3)
     mean = np.zeros((HORIZON, 3))
-    spread = np.full((HORIZON, 3), FRESH_SPREAD)
+    spread = np.full((HORIZON, 3), FRESH_SPREAD * strength)
     knots = np.zeros((candidates, HORIZON, 3))
     elite, elite_costs = np.zeros(elites, np.int64), np.empty(elites)
-    for first in range(0, samples, KNOT * REPLAN):
+    for first in range(0, samples, span * REPLAN):
         best = mean.copy()
-        lowest = _price(state, before, best, command, first, static, kinetic, bounds, scratch, np.inf)
+        lowest = _price(state, before, best, command, first, span, static, kinetic, bounds, scratch, np.inf)
         for iteration in range(iterations):
             elite_costs[:] = np.inf
             worst = 0  # of the elite so far; who costs more need not be rolled out to the end
@@ -139,6 +146,7 @@ def _plan(
                     knots[candidate],
                     command,
                     first,
+                    span,
                     static,
                     kinetic,
                     bounds,
@@ -157,9 +165,9 @@ def _plan(
                     mean[knot, axis] = knots[elite, knot, axis].mean()
                     spread[knot, axis] = knots[elite, knot, axis].std()
         for knot in range(REPLAN):
-            execute(state, best[knot], command, first + KNOT * knot, static, kinetic, bounds, u)
+            execute(state, best[knot], command, first + span * knot, span, static, kinetic, bounds, u)
         before[:] = best[REPLAN - 1]
         mean[: HORIZON - REPLAN] = best[REPLAN:]
         mean[HORIZON - REPLAN :] = best[HORIZON - 1]
-        spread[: HORIZON - REPLAN] = WARM_SPREAD
-        spread[HORIZON - REPLAN :] = FRESH_SPREAD
+        spread[: HORIZON - REPLAN] = WARM_SPREAD * strength
+        spread[HORIZON - REPLAN :] = FRESH_SPREAD * strength

@@ -21,10 +21,10 @@ from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 
 TEMPERATURE = 1e-5
-"""What a price is divided by in a candidate's weight exp(-price/temperature), in the prices' own unit."""
+"""What a price is divided by in a candidate's weight exp(-price/temperature), for knots of KNOT samples."""
 
 SPREAD = 2.0
-"""Standard deviation of the perturbations (m/s^2)."""
+"""Standard deviation of the perturbations (m/s^2), for ACCELERATION of the objective."""
 
 WIDTH = objective.WIDTH + 4
 """Numbers in a state: those of the objective, three of the knot before, and the price of the last knot."""
@@ -37,13 +37,13 @@ class PathIntegral(objective.SamplingPlanner):
 
     def plan(self, position: FloatArray, friction: Friction) -> FloatArray:
         """Plan one command."""
-        law = _Law(objective.held_command(position), friction, self.bounds)
+        law = _Law(objective.held_command(position, self.span), self.span, friction, self.bounds)
         samples = len(position)
-        u = np.empty((samples + objective.KNOT * objective.REPLAN, self.axes))
+        u = np.empty((samples + self.span * objective.REPLAN, self.axes))
         with torch.random.fork_rng(devices=[]), torch.no_grad():
             torch.manual_seed(self.seed)
             controller = self._controller(law)
-            for law.first in range(0, samples, objective.KNOT * objective.REPLAN):
+            for law.first in range(0, samples, self.span * objective.REPLAN):
                 for _ in range(objective.REPLAN if law.first else 0):
                     controller.shift_nominal_trajectory()
                 for _ in range(self.iterations):
@@ -56,10 +56,10 @@ class PathIntegral(objective.SamplingPlanner):
             law.step,
             law.price,
             nx=WIDTH,
-            noise_sigma=SPREAD**2 * torch.eye(self.axes, dtype=torch.float64),
+            noise_sigma=(SPREAD * self.strength) ** 2 * torch.eye(self.axes, dtype=torch.float64),
             num_samples=self.candidates,
             horizon=objective.HORIZON,
-            lambda_=TEMPERATURE,
+            lambda_=TEMPERATURE * self.span / objective.KNOT,
             u_max=torch.full((self.axes,), float(self.bounds[0]), dtype=torch.float64),
             U_init=torch.zeros(objective.HORIZON, self.axes, dtype=torch.float64),
             step_dependent_dynamics=True,
@@ -74,16 +74,16 @@ class _Law:
         state: (WIDTH,) where pan and object are then.
     """
 
-    def __init__(self, command: FloatArray, friction: Friction, bounds: FloatArray) -> None:
+    def __init__(self, command: FloatArray, span: int, friction: Friction, bounds: FloatArray) -> None:
         self.first = 0
         self.state = np.zeros(WIDTH)
-        self._command = command
+        self._command, self._span = command, span
         self._law = friction.static, friction.kinetic, bounds
 
     def step(self, states: Tensor, u: Tensor, knot: int) -> Tensor:
         """Move (n, WIDTH) states by (n, axes) accelerations through the knot of that number in the horizon."""
         moved = states.numpy().copy()
-        _move_all(moved, u.numpy(), self._command, self.first + objective.KNOT * knot, *self._law)
+        _move_all(moved, u.numpy(), self._command, self.first + self._span * knot, self._span, *self._law)
         return torch.from_numpy(moved)
 
     def price(self, states: Tensor, u: Tensor, knot: int) -> Tensor:
@@ -96,20 +96,25 @@ class _Law:
             target = np.zeros(3)
             target[: len(asked)] = asked
             objective.bound(target, self._law[2])
-            begin = self.first + objective.KNOT * knot
-            objective.execute(self.state, target, self._command, begin, *self._law, u)
+            begin = self.first + self._span * knot
+            objective.execute(self.state, target, self._command, begin, self._span, *self._law, u)
             self.state[13:16] = target
 
 
 @numba.njit  # type: ignore[untyped-decorator]
-def _move_all(states: Any, u: Any, command: Any, first: int, static: float, kinetic: float, bounds: Any) -> None:
-    """Move states (n, WIDTH) in place, each by its own acceleration, and leave the price in the last column."""
+def _move_all(
+    states: Any, u: Any, command: Any, first: int, span: int, static: float, kinetic: float, bounds: Any
+) -> None:
+    """Move states (n, WIDTH) in place through a knot of `span` samples, each by its own acceleration.
+
+    The price is left in the last column.
+    """
     target = np.zeros(3)
     for row in range(len(states)):
         state = states[row]
         target[:] = 0.0
         target[: u.shape[1]] = u[row]
         objective.bound(target, bounds)
-        price = objective.price_of_change(target, state[13:16])
-        state[16] = price + objective.move(state, target, command, first, static, kinetic, bounds)
+        price = objective.price_of_change(target, state[13:16], span, bounds)
+        state[16] = price + objective.move(state, target, command, first, span, static, kinetic, bounds)
         state[13:16] = target

@@ -7,6 +7,7 @@ limit allows. A state is WIDTH numbers: pan x, y, z, vx, vy, vz in the world, ob
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from runtime.physics.law import DT, GRAVITY, slide_step
 from runtime.physics.pan import pan_step
 
 KNOT = 10
-"""Samples for which an acceleration is constant."""
+"""Samples for which an acceleration is constant where no limits are given, and under the default ones."""
 
 HORIZON = 40
 """Knots that are planned at a time: 400 ms. In 250 ms a planner does not see that the pan will have to come back."""
@@ -46,7 +47,9 @@ WIDTH = 13
 """Numbers in a state."""
 
 CHANGE_PRICE = 2e-8
-"""Price of a change of acceleration between knots, per (m/s^2)^2, against 1 per metre squared of tracking error."""
+"""Price of a change of acceleration between knots, per (m/s^2)^2, against 1 per metre squared of tracking error.
+
+It holds for ACCELERATION and PAN_LIMIT. Under other limits it is the same share of these."""
 
 _slide_step, _pan_step = numba.njit(slide_step), numba.njit(pan_step)
 
@@ -76,6 +79,22 @@ class SamplingPlanner(ABC):
         return 2 if self.limits is None or self.limits.level else 3
 
     @property
+    def span(self) -> int:
+        """Samples in a knot: in proportion to the time that a pan takes across its reach, as the network's are.
+
+        In 400 ms a weaker pan would not see that it will have to come back.
+        """
+        if self.limits is None:
+            return KNOT
+        time = math.sqrt(self.limits.pan_reach / self.limits.acceleration)
+        return round(KNOT * time / math.sqrt(PAN_LIMIT / ACCELERATION))
+
+    @property
+    def strength(self) -> float:
+        """What spreads of accelerations are multiplied by: the limit over ACCELERATION."""
+        return 1.0 if self.limits is None else self.limits.acceleration / ACCELERATION
+
+    @property
     def bounds(self) -> FloatArray:
         """What the compiled functions are told of the limits: acceleration, its change, reach, height, speed."""
         if self.limits is None:
@@ -97,9 +116,9 @@ class SamplingPlanner(ABC):
         """Plan one command."""
 
 
-def held_command(position: FloatArray) -> FloatArray:
-    """Return a (K, 2) command from the origin, held at its end as far as a planner looks."""
-    held: FloatArray = np.concatenate([position, position[-1:].repeat(KNOT * (HORIZON + REPLAN), axis=0)])
+def held_command(position: FloatArray, span: int) -> FloatArray:
+    """Return a (K, 2) command from the origin, held at its end as far as a planner with such knots looks."""
+    held: FloatArray = np.concatenate([position, position[-1:].repeat(span * (HORIZON + REPLAN), axis=0)])
     held -= position[0]
     return held
 
@@ -147,26 +166,29 @@ def sample(state: Any, u: Any, command: Any, k: int, static: float, kinetic: flo
 
 
 @numba.njit  # type: ignore[untyped-decorator]
-def move(state: Any, u: Any, command: Any, k: int, static: float, kinetic: float, bounds: Any) -> float:
-    """Go towards `u` for one knot from sample `k` on, and return its price; see `sample`."""
+def move(state: Any, u: Any, command: Any, k: int, span: int, static: float, kinetic: float, bounds: Any) -> float:
+    """Go towards `u` for one knot of `span` samples from `k` on, and return its price; see `sample`."""
     price = 0.0
-    for each in range(k, k + KNOT):
+    for each in range(k, k + span):
         price += sample(state, u, command, each, static, kinetic, bounds)
     return price
 
 
 @numba.njit  # type: ignore[untyped-decorator]
-def execute(state: Any, u: Any, command: Any, k: int, static: float, kinetic: float, bounds: Any, out: Any) -> None:
-    """Go towards `u` for one knot from sample `k` on, and write the accelerations into the rows `out` (n, axes)."""
-    for each in range(k, k + KNOT):
+def execute(
+    state: Any, u: Any, command: Any, k: int, span: int, static: float, kinetic: float, bounds: Any, out: Any
+) -> None:
+    """Go towards `u` for one knot of `span` samples from `k` on, and write the accelerations into rows of `out`."""
+    for each in range(k, k + span):
         sample(state, u, command, each, static, kinetic, bounds)
         out[each] = state[10 : 10 + out.shape[1]]
 
 
 @numba.njit  # type: ignore[untyped-decorator]
-def price_of_change(u: Any, before: Any) -> float:
+def price_of_change(u: Any, before: Any, span: int, bounds: Any) -> float:
     """Return the price of going from one knot's acceleration to the next one's, (3,) each (m/s^2)."""
-    return float(CHANGE_PRICE * KNOT * np.sum((u - before) ** 2))
+    unit = bounds[2] / PAN_LIMIT * ACCELERATION / bounds[0]
+    return float(CHANGE_PRICE * unit * unit * span * np.sum((u - before) ** 2))
 
 
 @numba.njit  # type: ignore[untyped-decorator]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from rich.table import Table
@@ -17,26 +15,22 @@ from benchmarks.harness.targets import (
     ACCELERATION,
     COUNT,
     MILLIMETRES,
-    MILLISECONDS,
     PERCENT,
     TIMES,
     Target,
     Verdict,
 )
+from benchmarks.sections.on_pans import PAN_TARGETS, OnPans, on_pans, pans_tables
+from benchmarks.sections.parts import Part, measure_parts
+from benchmarks.suite.drawings import drawings
 from benchmarks.suite.families import FRICTION_GRID
 from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, network, plan_family
-from benchmarks.suite.pans import TASKS, Disturbed, Followed, Task, disturb, follow, tasks
+from benchmarks.suite.pans import DRAWINGS, tasks
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM
 from runtime.documents.options import option
-from runtime.many.workers import work_through
+from runtime.errors import InputError
 from runtime.planner import Planner
-
-WAYS = ("level", "lifting")
-"""Ways in which a pan moves."""
-
-DISTURBED = TASKS[0]
-"""The task that is disturbed too."""
 
 
 @dataclass(frozen=True)
@@ -46,17 +40,22 @@ class AccuracySettings:
     Attributes:
         family: names of the families.
         commands: the first ones of each family; all if None.
-        limits: names of pans, whose tasks (`benchmarks.suite.pans`) are measured in the place of the suite.
+        limits: names of pans, whose tasks (`benchmarks.suite.pans`) are measured in the place of the suite; `commands`
+            are spread over each family then.
+        drawings: a file of people's drawings, which are planned with these; see `benchmarks.suite.drawings`.
         ray: address of the cluster that measures; None for none.
     """
 
     family: tuple[str, ...] = option("Family of the suite, or letters; may be repeated.", tuple(FAMILIES), "NAME")
     commands: int | None = option("Only the first commands of each family.", metavar="N")
     limits: tuple[str, ...] = option("Only within the limits of this pan; may be repeated.", (), "NAME|all")
+    drawings: Path | None = option("With --limits: drawings of people, one a line.", metavar="FILE")
     ray: str | None = option("Measure on a Ray cluster: its address, or local.", metavar="ADDRESS")
 
     def __post_init__(self) -> None:
         at_least(1, commands=self.commands)
+        if self.drawings is not None and not self.limits:
+            raise InputError("--drawings are planned within limits: add --limits default, or leave the option out")
 
 
 @dataclass(frozen=True)
@@ -102,28 +101,6 @@ class FrictionCell:
 
 
 @dataclass(frozen=True)
-class OnPan:
-    """A task of `benchmarks.suite.pans`, with a level pan and with one that lifts; None where it cannot slide."""
-
-    level: Followed | None
-    lifting: Followed | None
-
-
-@dataclass(frozen=True)
-class OnPans:
-    """Tasks in figures.
-
-    Attributes:
-        tasks: by their names.
-        level, lifting: DISTURBED, disturbed, on such pans; None if it was not measured.
-    """
-
-    tasks: Mapping[str, OnPan]
-    level: Disturbed | None
-    lifting: Disturbed | None
-
-
-@dataclass(frozen=True)
 class Accuracy:
     """The suite in figures.
 
@@ -154,92 +131,32 @@ TARGETS = (
     Target("total.pan_reach_share", "pan reach up to 0.21 m", PERCENT, ">=", 0.99),
     Target("total.change_mean", "mean |du|", ACCELERATION, "<=", 1.0),
     Target("families.spline.no_better_than_unmoved", "spline, no better than a still pan", COUNT, "<=", 0),
-    *(
-        Target(f"pans.tasks.{task.name}.{way}.tracking_mean", f"{task.title}, {way}", MILLIMETRES, "<=", limit)
-        for task in TASKS
-        for way, limit in zip(WAYS, task.targets, strict=True)
-        if limit is not None
-    ),
-    *(
-        Target(f"pans.{way}.{figure}", f"{what}, {way}", unit, comparison, limit)
-        for figure, what, unit, limits in (
-            ("friction_off", "default, friction 10 % off", MILLIMETRES, (3.4e-3, 2.0e-3)),
-            ("best_of_24", "default, best of 24", MILLIMETRES, (None, None)),
-            ("robust", "default, best of 24 by friction 10 % off, then", MILLIMETRES, (None, 1.3e-3)),
-            ("asked", "default, asked every 50 ms", MILLIMETRES, (2.5e-3, 1.0e-3)),
-            ("back", "default, back after a push of 20 mm", MILLISECONDS, (0.13, 0.11)),
-        )
-        for way, limit in zip(WAYS, limits, strict=True)
-        for comparison in ("<=" if limit is not None else "",)
-    ),
+    *PAN_TARGETS,
 )
-
-
-class Part(NamedTuple):
-    """What is measured by itself.
-
-    Attributes:
-        measure: measures it: a planner, `what`, and the number of commands.
-        what: the name of a family, or a task.
-        commands: the first ones of it; all if None.
-    """
-
-    measure: Callable[[Planner, Any, int | None], Any]
-    what: str | Task
-    commands: int | None
 
 
 def measure_accuracy(subject: Subject, settings: AccuracySettings) -> Measured:
     """Plan the suite with the network, or the tasks of pans.
 
     Raises:
-        InputError: there is no family, or no pan, of that name.
+        InputError: there is no family, or no pan, of that name, or the drawings cannot be read.
         MissingExtraError: Ray is asked for, and not installed.
     """
     if settings.limits:
-        return Measured(Accuracy({}, None, (), None, None, on_pans(subject, settings)))
+        chosen = tasks(settings.limits, settings.family)
+        if settings.drawings is not None:
+            chosen.append(replace(DRAWINGS, own=drawings(settings.drawings)))
+        notes = [] if settings.drawings else ["people's drawings are left out: --drawings FILE plans them"]
+        pans = on_pans(subject, chosen, settings.commands, settings.ray)
+        return Measured(Accuracy({}, None, (), None, None, pans), notes)
     names = list(suite(settings.family, settings.commands))
     outcomes = measure_parts(subject, [Part(plan_one, name, settings.commands) for name in names], settings.ray)
     return Measured(summed_up(dict(zip(names, outcomes, strict=True))))
 
 
-def measure_parts(subject: Subject, parts: Sequence[Part], ray: str | None) -> list[Any]:
-    """Return what is measured of each part, in their order; on a Ray cluster if there is an address of one."""
-    if ray is None:
-        return [part.measure(subject.planner, part.what, part.commands) for part in parts]
-    measured = dict(work_through(enumerate(parts), partial(_measured, subject.folder), ray=ray))
-    return [measured[number] for number in range(len(parts))]
-
-
-def _measured(folder: Path, numbered: tuple[int, Part]) -> tuple[int, Any]:
-    number, part = numbered
-    return number, part.measure(_planner_at(folder), part.what, part.commands)
-
-
-@lru_cache(maxsize=1)
-def _planner_at(folder: Path) -> Planner:
-    return Planner(folder)
-
-
 def plan_one(planner: Planner, name: str, commands: int | None) -> Outcome:
     """Plan a family."""
     return plan_family(network(planner), suite([name], commands)[name])
-
-
-def on_pans(subject: Subject, settings: AccuracySettings) -> OnPans:
-    """Plan the tasks of pans, told the friction.
-
-    Raises:
-        InputError: there is no pan of that name.
-        MissingExtraError: Ray is asked for, and not installed.
-    """
-    chosen = tasks(settings.limits, settings.family)
-    parts = [Part(follow, each, settings.commands) for task in chosen for each in (task, task.lifting())]
-    if DISTURBED in chosen:
-        parts += [Part(disturb, each, settings.commands) for each in (DISTURBED, DISTURBED.lifting())]
-    found = measure_parts(subject, parts, settings.ray)
-    rows = {task.name: OnPan(*found[2 * row : 2 * row + 2]) for row, task in enumerate(chosen)}
-    return OnPans(rows, *(found[2 * len(chosen) :] or (None, None)))
 
 
 def accuracy_of(plan: PlanFunction, settings: AccuracySettings) -> Accuracy:
@@ -305,7 +222,7 @@ def friction_cells(outcome: Outcome) -> tuple[FrictionCell, ...]:
 def accuracy_tables(accuracy: Accuracy, verdicts: Sequence[Verdict]) -> list[Table]:
     """Return the accuracy of each family, beside its targets."""
     if accuracy.pans is not None:
-        return [*_pans_tables(accuracy.pans), *targets_table("Accuracy", verdicts)]
+        return [*pans_tables(accuracy.pans), *targets_table("Accuracy", verdicts)]
     rows = {name: each for name, each in accuracy.families.items() if name != "friction"}
     if accuracy.total is not None:
         rows["together"] = accuracy.total
@@ -344,21 +261,6 @@ def _pan_row(name: str, figures: Figures) -> tuple[str, ...]:
         f"{figures.change_mean:.3f}",
         f"{figures.samples_per_second:,.0f}",
     )
-
-
-def _pans_tables(pans: OnPans) -> list[Table]:
-    titles, rows = {task.name: task.title for task in TASKS}, []
-    for name, task in pans.tasks.items():
-        for title, found in ((titles[name], task.level), ("  lifting", task.lifting)):
-            rows.append((title, *(["cannot slide", *[""] * 6] if found is None else _cells_of_pan(found))))
-    header = ("limits, friction, family", "RMSE", "worst", "reach", "height", "m/s", "m/s^2", "governed")
-    return [table("Tracking RMSE, and what pans came to at most (mm); samples governed", header, rows)]
-
-
-def _cells_of_pan(found: Followed) -> list[str]:
-    errors = (f"{length * MM:.2f}" for length in (found.tracking_mean, found.tracking_max))
-    lengths = (f"{length * MM:.0f}" for length in (found.pan_reach, found.height))
-    return [*errors, *lengths, f"{found.speed:.2f}", f"{found.acceleration:.1f}", f"{found.governed:.1%}"]
 
 
 def _friction_table(accuracy: Accuracy) -> Table:

@@ -5,20 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.harness.section import NAME, Measured, Section, Subject, at_least
-from benchmarks.harness.tables import table
-from benchmarks.harness.targets import Verdict
+from benchmarks.harness.tables import table, targets_table
+from benchmarks.harness.targets import TIMES, Target, Verdict
 from benchmarks.harness.timing import one_torch_thread
 from benchmarks.suite import pans
 from benchmarks.suite.families import spline
 from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, one_by_one, plan_family
-from benchmarks.suite.pans import Task, cannot_slide, tasks
+from benchmarks.suite.pans import WAYS, Task, cannot_slide, tasks
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM, say
 from runtime.documents.checks import FloatArray
@@ -36,7 +36,14 @@ PROBE = 400
 SOFT = PAN_REACH / 0.2
 """Times its limit up to which a pan counts as within its reach: the optimizers' limit is a price."""
 
+FEW = 3
+"""Commands of a task within the limits of a pan, unless said: an optimizer takes seconds for each."""
+
 DEFAULT_FAMILIES = tuple(name for name in FAMILIES if name != "friction")
+
+
+MOST_OF_OPTIMIZER = {("panda_100_50_shapes", "level"): 0.8, ("panda_100_50_stops", "level"): 0.8}
+"""Share of the optimizer's error that the network's should come to at most, by tasks and ways."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,8 @@ class PeersSettings:
 
     Attributes:
         family: names of the families.
-        commands: the first ones of each family; all if None.
+        commands: the first ones of each family; all if None. Within limits so many, spread over each family; FEW if
+            None.
         candidates: drawn in an iteration.
         iterations: in a planning.
         no_mppi: leave path integral control out.
@@ -87,9 +95,26 @@ class Row:
 
 @dataclass(frozen=True)
 class Peers:
-    """Everything this section measures, family by family; of each, the network comes first."""
+    """Everything this section measures.
+
+    Attributes:
+        rows: family by family; of each, the network comes first.
+        ratios: the network's mean tracking RMSE over that of the cross-entropy optimizer, by the names of tasks, for
+            level pans and those that lift; empty where no limits are named.
+    """
 
     rows: tuple[Row, ...]
+    ratios: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+TARGETS = tuple(
+    Target(f"ratios.{task.name}.{way}", f"{task.title}, {way}, over CEM", TIMES, comparison, limit)
+    for task in pans.TASKS
+    for way in WAYS
+    for limit in (MOST_OF_OPTIMIZER.get((task.name, way)),)
+    for comparison in ("" if limit is None else "<=",)
+)
+"""What is only shown is judged by the tracking error itself: see `accuracy`."""
 
 
 def measure_peers(subject: Subject, settings: PeersSettings) -> Measured:
@@ -148,11 +173,14 @@ def within_limits(planner: Planner, settings: PeersSettings) -> Measured:
             from benchmarks.peers.mppi import PathIntegral
         kinds.append(PathIntegral)
     rows: list[Row] = []
+    ratios: dict[str, dict[str, float]] = {}
     with one_torch_thread():
         for level in tasks(settings.limits, settings.family):
-            for task in (level, level.lifting()):
+            ratios[level.name] = {}
+            for way, task in zip(WAYS, (level, level.lifting()), strict=True):
                 if cannot_slide(task):
                     continue
+                first = len(rows)
                 network = network_within(planner, task)
                 planners = {planner.bundle.manifest.name: network}
                 peers = [kind(limits=task.limits, **effort) for kind in kinds]
@@ -160,9 +188,10 @@ def within_limits(planner: Planner, settings: PeersSettings) -> Measured:
                 own = 0.0
                 for name, plan in planners.items():
                     say(NAME, f"peers: {title_of(task)}: {name}")
-                    rows.append(row_within(task, name, plan, settings.commands, own))
+                    rows.append(row_within(task, name, plan, settings.commands or FEW, own))
                     own = own or rows[-1].cpu
-    return Measured(Peers(tuple(rows)))
+                ratios[level.name][way] = rows[first].tracking_mean / rows[first + 1].tracking_mean
+    return Measured(Peers(tuple(rows), ratios))
 
 
 def title_of(task: Task) -> str:
@@ -271,7 +300,7 @@ def peers_tables(peers: Peers, verdicts: Sequence[Verdict]) -> list[Table]:
     ]
     # The optimizers' settings, part of their names, would make the table too wide; the command was told them.
     title = "RMSE, worst RMSE, worst pan reach (mm); processor time a plan, times the network's, samples per s of it"
-    return [table(title, header, lines)]
+    return [table(title, header, lines), *(targets_table("Peers", verdicts) if verdicts else [])]
 
 
 SECTION = Section(
@@ -279,7 +308,7 @@ SECTION = Section(
     "the network beside two optimizers that are told the friction; some minutes",
     PeersSettings(),
     measure_peers,
-    (),
+    TARGETS,
     peers_tables,
     timed=True,
     usual=False,

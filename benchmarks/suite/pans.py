@@ -11,14 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.suite.families import FRICTION_GRID, Family
 from benchmarks.suite.suite import suite
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.friction import Friction
 from runtime.limits import Limits
+from runtime.physics.compiled import compiler
 from runtime.physics.law import DT, GRAVITY, slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.planner import Planner
+
+WAYS = ("level", "lifting")
+"""Ways in which a pan moves."""
 
 HEIGHT = 0.1
 """Height of pans that lift (m)."""
@@ -28,6 +33,9 @@ FRICTION_OFF = 0.1
 
 ASKED_EVERY = 50
 """Samples after which a decoder is asked again in a loop."""
+
+REFINED = 50
+"""Steps of refinement: as many as fit into some 50 ms, and the same whatever else the machine does."""
 
 PUSHED_AT, PUSH = 500, 0.02
 """Sample in which an object is pushed, just before a question, and how far (m)."""
@@ -39,12 +47,13 @@ class Task:
 
     Attributes:
         pan: name of the pan.
-        family: of the suite.
+        family: of the suite, or the name of commands of its own.
         limits: of a level pan of this kind.
         friction: of the object.
         size: what the commands are multiplied by.
         slowness: how many times as long they take.
         targets: mean tracking RMSE (m) that should be reached by a level pan and by one that lifts; None for none.
+        own: the commands, if they are in no suite.
     """
 
     pan: str
@@ -54,6 +63,7 @@ class Task:
     size: float = 1.0
     slowness: int = 1
     targets: tuple[float | None, float | None] = (None, None)
+    own: Family | None = None
 
     @property
     def name(self) -> str:
@@ -67,9 +77,11 @@ class Task:
         return f"{self.pan} {self.friction.static:g}/{self.friction.kinetic:g} {self.family}"
 
     def positions(self, commands: int | None) -> list[FloatArray]:
-        """Return its commands, the first ones only if a number is given, (K, 2) in metres at 1 kHz."""
-        family = suite([self.family], commands)[self.family]
-        return [_slower(self.size * position, self.slowness) for position in family.positions]
+        """Return its commands, (K, 2) in metres at 1 kHz; if a number is given, so many, spread over all of them."""
+        family = suite([self.family])[self.family] if self.own is None else self.own
+        count = len(family) if commands is None else min(commands, len(family))
+        chosen = np.linspace(0.0, len(family) - 1.0, count).round().astype(int)
+        return [_slower(self.size * family.positions[index], self.slowness) for index in chosen]
 
     def lifting(self) -> Task:
         """Return the same with a pan that lifts."""
@@ -102,6 +114,9 @@ TASKS = (
 reach of 0.1 m and commands of half the size, `slow` the default one with commands of 0.15 times the size."""
 
 PANS = tuple(dict.fromkeys(task.pan for task in TASKS))
+
+DRAWINGS = Task("default", "drawings", DEFAULT, NOMINAL, targets=(2.1e-3, 0.95e-3))
+"""Drawings of people, once they are read: see `benchmarks.suite.drawings`."""
 
 
 def tasks(pans: Sequence[str], families: Sequence[str]) -> list[Task]:
@@ -193,6 +208,8 @@ class Disturbed:
         friction_off: mean tracking RMSE (m) if both coefficients are FRICTION_OFF off, open loop: of the four ways.
         best_of_24: mean tracking RMSE (m) of the best of 24 candidates.
         robust: as `friction_off`, of the best of 24 candidates, chosen by their mean under such frictions.
+        refined: as `robust`, refined for such frictions in REFINED steps; None without numba.
+        friction_worst: mean tracking RMSE (m) under the friction of the family `friction` where this is largest.
         asked: mean tracking RMSE (m) in closed loop if the decoder is asked every ASKED_EVERY samples, or, if it cannot
             be, after each chunk.
         back: time (s) after a push of PUSH until the mean distance of object and command, in that loop, is less than
@@ -202,6 +219,8 @@ class Disturbed:
     friction_off: float
     best_of_24: float
     robust: float
+    refined: float | None
+    friction_worst: float
     asked: float
     back: float
 
@@ -210,12 +229,15 @@ def disturb(planner: Planner, task: Task, commands: int | None) -> Disturbed:
     """Plan a task's commands, and disturb what they lead to."""
     positions, friction, limits = task.positions(commands), task.friction, task.limits
     nominal = [plan.pan_acceleration for plan in planner.plan_batch(positions, friction, limits=limits)]
-    best, robust = (
+    compiled = compiler() is not None
+    best, robust, refined = (
         [
-            planner.plan(each, friction, limits=limits, candidates=24, robust=share).pan_acceleration
+            planner.plan(
+                each, friction, limits=limits, candidates=24, robust=share, refine_iterations=steps
+            ).pan_acceleration
             for each in positions
         ]
-        for share in (0.0, FRICTION_OFF)
+        for share, steps in ((0.0, None), (FRICTION_OFF, None), (FRICTION_OFF, REFINED if compiled else None))
     )
     asked = [_loop(planner, position, task) - position for position in positions]
     rng, off = np.random.default_rng(20), []
@@ -228,6 +250,8 @@ def disturb(planner: Planner, task: Task, commands: int | None) -> Disturbed:
         _off(positions, nominal, friction),
         float(tracking(positions, best, friction).mean()),
         _off(positions, robust, friction),
+        _off(positions, refined, friction) if compiled else None,
+        max(_under(planner, positions, each, limits) for each in FRICTION_GRID),
         float(np.mean([np.sqrt((error**2).sum(axis=1).mean()) for error in asked])),
         DT * float(np.argmax(pushed < 2.0 * usual)),
     )
@@ -258,6 +282,12 @@ def _loop(planner: Planner, position: FloatArray, task: Task, push: FloatArray |
 
 def _off(positions: Sequence[FloatArray], planned: Sequence[FloatArray], friction: Friction) -> float:
     return float(np.mean([tracking(positions, planned, each).mean() for each in friction.corners(FRICTION_OFF)]))
+
+
+def _under(planner: Planner, positions: Sequence[FloatArray], friction: Friction, limits: Limits) -> float:
+    """Return the mean tracking RMSE (m) of plans for a friction under it."""
+    plans = planner.plan_batch(positions, friction, limits=limits)
+    return float(tracking(positions, [plan.pan_acceleration for plan in plans], friction).mean())
 
 
 def _slower(position: FloatArray, times: int) -> FloatArray:

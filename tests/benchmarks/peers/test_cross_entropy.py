@@ -43,6 +43,14 @@ def test_plan_is_the_same_from_the_same_seed_whatever_the_length(spline):
     assert not np.array_equal(one, CrossEntropy(32, 2, seed=1).plan(position, friction))
 
 
+def test_knots_and_spreads_are_in_the_units_of_the_limits():
+    tuned, default, weak, small = (
+        CrossEntropy(limits=limits) for limits in (None, Limits(), Limits(acceleration=7.5), Limits(0.05))
+    )
+    assert [planner.span for planner in (tuned, default, weak, small)] == [10, 10, 20, 5]
+    assert [planner.strength for planner in (tuned, default, weak, small)] == [1.0, 1.0, 0.25, 1.0]
+
+
 @pytest.mark.parametrize("limits", [Limits.named("panda"), Limits(acceleration=13.0, jerk=6_500.0)])
 def test_plan_keeps_the_limits_that_it_is_given(spline, limits):
     planner = CrossEntropy(64, 4, limits=limits)

@@ -35,3 +35,6 @@ def test_planners_are_measured_within_the_limits_of_a_pan(tiny_bundle: Path) -> 
     assert [row.family for row in figures.rows[::3]] == ["small 1/0.5 spline", "small 1/0.5 spline, lifting"]
     assert [row.planner.split()[0] for row in figures.rows[:3]] == ["tiny", "CEM", "MPPI"]
     assert all(row.tracking_mean > 0.0 and row.cpu > 0.0 for row in figures.rows)
+    network, optimizer, *_ = figures.rows
+    ratio = figures.ratios["small_100_50_spline"]["level"]
+    assert ratio == pytest.approx(network.tracking_mean / optimizer.tracking_mean)

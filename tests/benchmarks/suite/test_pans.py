@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.harness.section import Subject
-from benchmarks.sections.accuracy import DISTURBED, SECTION, TARGETS, AccuracySettings
+from benchmarks.sections.accuracy import SECTION, TARGETS, AccuracySettings
+from benchmarks.sections.on_pans import DISTURBED
 from benchmarks.suite.pans import PANS, TASKS, cannot_slide, summary, tasks
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.errors import InputError
@@ -41,6 +42,26 @@ def test_commands_are_smaller_and_slower_where_the_task_says_so() -> None:
     assert half == pytest.approx(0.5 * spline)
 
 
+def test_few_commands_are_spread_over_the_family() -> None:
+    (task,) = tasks(["panda"], ["shapes"])
+    shapes = suite(["shapes"])["shapes"].positions
+    few = task.positions(4)
+    assert all(np.array_equal(each, shapes[index]) for each, index in zip(few, (0, 4, 7, 11), strict=True))
+    assert len(task.positions(None)) == len(task.positions(99)) == len(shapes)
+
+
+def test_drawings_are_planned_with_the_rest(tiny_bundle: Path, tmp_path: Path) -> None:
+    file = tmp_path / "drawings.csv"
+    file.write_text("88,92,2,99,16,66,94,37,70,0,0,24,42,65,100,100,8\n")
+    settings = AccuracySettings(family=("short",), commands=1, limits=("slow",), drawings=file)
+    figures, notes = SECTION.measure(Subject.load(tiny_bundle), settings)
+    assert list(figures.pans.tasks) == ["default_100_50_drawings"]
+    assert figures.pans.tasks["default_100_50_drawings"].lifting.tracking_mean > 0.0
+    assert not notes
+    with pytest.raises(InputError, match="--drawings are planned within limits"):
+        AccuracySettings(drawings=file)
+
+
 def test_a_level_pan_of_an_fr3_cannot_slide_its_object() -> None:
     (task,) = tasks(["fr3"], ["spline"])[:1]
     assert cannot_slide(task)
@@ -61,6 +82,9 @@ def test_the_section_measures_pans_in_the_place_of_the_suite(tiny_bundle: Path) 
     settings = AccuracySettings(family=("spline",), commands=1, limits=("default", "slow"))
     figures, _ = SECTION.measure(Subject.load(tiny_bundle), settings)
     assert list(figures.pans.tasks) == ["default_100_50_spline", "slow_100_50_spline"]
-    assert figures.pans.level.asked > 0.0
+    level, lifting = figures.pans.level, figures.pans.lifting
+    assert level.asked > 0.0
+    assert level.refined <= level.robust
+    assert min(level.friction_worst, lifting.friction_worst) > 0.0
     assert figures.families == {}
     assert SECTION.tables(figures, [])

@@ -28,12 +28,16 @@ Array = NDArray[np.float64]
 SEQUENCES = int(os.environ.get("SLIDE_SEQUENCES", "1000"))
 """Sequences of chunks asked for; the nightly form sets 100000."""
 
+SHARD = 5_000
+"""Sequences in a test: of many there are several tests, each drawn anew, so that one sees how far they are."""
+
 CHUNK = 100
 CHUNKS = 4
 TOLERANCE = 1e-9
 """By which a limit may be passed (m, m/s^2, and m/s^3 after multiplication by dt)."""
 
-often = settings(max_examples=SEQUENCES, deadline=None, suppress_health_check=list(HealthCheck))
+often = settings(max_examples=min(SEQUENCES, SHARD), deadline=None, suppress_health_check=list(HealthCheck))
+in_shards = pytest.mark.parametrize("shard", range(1, -(-SEQUENCES // SHARD) + 1))
 limits_drawn = st.builds(
     Limits,
     st.floats(0.01, 0.5),
@@ -120,9 +124,12 @@ def check_limits(pan: Pan, u: Array, states: Array) -> None:
     assert np.abs(moved[:, 2]).max() <= limits.height + TOLERANCE * (not limits.level)
 
 
+@in_shards
 @often
 @given(pans(), st.lists(st.sampled_from(KINDS), min_size=CHUNKS, max_size=CHUNKS), st.integers(0, 2**32))
-def test_limits_hold_whatever_is_asked_for_and_a_stop_leads_on(pan: Pan, kinds: list[str], seed: int) -> None:
+def test_limits_hold_whatever_is_asked_for_and_a_stop_leads_on(
+    shard: int, pan: Pan, kinds: list[str], seed: int
+) -> None:
     u, states, pans = drive(pan, kinds, seed)
     check_limits(pan, u, states)
     # From every sample the pan can come to rest: along the rest of its chunk and the stop that is kept.
@@ -138,9 +145,10 @@ def _led_to(pan: Pan, u: Array) -> Array:
     return integrate_pan(np.array(pan.state[:6]), u)
 
 
+@in_shards
 @often
 @given(pans())
-def test_brake_stops_within_its_limits_and_its_hull(pan: Pan) -> None:
+def test_brake_stops_within_its_limits_and_its_hull(shard: int, pan: Pan) -> None:
     brake = find_brake(pan.state, pan.limits)
     u = brake.accelerations(brake.samples)
     states = integrate_pan(np.array(pan.state[:6]), u)
@@ -168,10 +176,11 @@ def ruckig_time(state: PanState, limits: Limits) -> float:
     return float(trajectory.duration)
 
 
+@in_shards
 @often
 @given(limits_drawn, st.floats(0.01, 3.0), st.floats(-1.0, 1.0), st.floats(0.0, 6.28))
 def test_brake_on_a_line_is_nearly_as_short_as_the_least_time_stop(
-    limits: Limits, speed: float, share: float, angle: float
+    shard: int, limits: Limits, speed: float, share: float, angle: float
 ) -> None:
     x, y = math.cos(angle), math.sin(angle)
     u = share * limits.acceleration
@@ -184,9 +193,10 @@ def test_brake_on_a_line_is_nearly_as_short_as_the_least_time_stop(
     assert least - 2.0 * DT <= brake.samples * DT <= least + 3.0 * ramp + 5.0 * DT
 
 
+@in_shards
 @often
 @given(pans(), st.integers(0, 2**32))
-def test_what_keeps_the_limits_is_not_changed_in_a_single_bit(pan: Pan, seed: int) -> None:
+def test_what_keeps_the_limits_is_not_changed_in_a_single_bit(shard: int, pan: Pan, seed: int) -> None:
     rng = np.random.default_rng(seed)
     brake = find_brake(pan.state, pan.limits)
     nearly = brake.accelerations(CHUNK)[None] * rng.uniform(0.9, 1.0, (1, 1, 1))
@@ -274,9 +284,10 @@ def test_without_limits_nothing_is_changed() -> None:
     assert govern([pan], wild)[0] is wild
 
 
+@in_shards
 @often
 @given(pans(), st.floats(0.2, 2.0))
-def test_a_gentle_stop_leaves_a_resting_object_at_rest_where_there_is_room(pan: Pan, static: float) -> None:
+def test_a_gentle_stop_leaves_a_resting_object_at_rest_where_there_is_room(shard: int, pan: Pan, static: float) -> None:
     friction = Friction(static, 0.1)
     hold = gentle_strength(static, pan.limits)
     assume(math.hypot(*pan.state[6:]) <= hold)

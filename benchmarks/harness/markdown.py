@@ -1,0 +1,45 @@
+"""Tables in a page of the documentation, written there by the program that measured them.
+
+A page has a place for the tables of a section, between two comments:
+
+    <!-- slide-bench: peers -->
+    <!-- end -->
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+from rich.table import Table
+
+from runtime.errors import InputError
+
+
+def write_into(page: str, name: str, sections: Mapping[str, Iterable[Table]]) -> str:
+    """Return a page with the tables of sections in the place of what stood there.
+
+    Args:
+        page: the text.
+        name: of the page, for errors.
+        sections: tables by the names of their sections.
+
+    Raises:
+        InputError: the page has no place for a section.
+    """
+    for section, tables in sections.items():
+        place = re.compile(rf"(<!-- slide-bench: {re.escape(section)} -->\n).*?(<!-- end -->)", re.DOTALL)
+        text = "\n".join(markdown(each) for each in tables)
+        page, count = place.subn(lambda found, text=text: f"{found[1]}\n{text}\n{found[2]}", page)  # type: ignore[misc]
+        if not count:
+            raise InputError(f"{name} has no place for {section}: <!-- slide-bench: {section} -->, <!-- end -->")
+    return page
+
+
+def markdown(table: Table) -> str:
+    """Return a table as markdown, under its title in bold."""
+    columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
+    header, *rows = zip(*columns, strict=True)
+    marks = ["---:" if column.justify == "right" else "---" for column in table.columns]
+    lines = [f"| {' | '.join(each.strip() for each in row)} |" for row in (header, marks, *rows)]
+    return "\n".join([f"**{table.title}**", "", *lines, ""])
