@@ -23,6 +23,7 @@ from benchmarks.harness.targets import Verdict, judge
 from benchmarks.sections import (
     accuracy,
     arm,
+    best,
     bulk,
     control,
     joints,
@@ -43,7 +44,7 @@ FORMAT = "slide-bench/2"
 
 SECTIONS: dict[str, Section[Any, Any]] = {
     module.SECTION.name: module.SECTION
-    for module in (accuracy, speed, control, refine, long, training, peers, arm, joints, bulk, server, site, page)
+    for module in (accuracy, speed, control, refine, long, training, peers, best, arm, joints, bulk, server, site, page)
 }
 """The sections by their names, in the order in which they are measured."""
 
@@ -201,7 +202,7 @@ def slide_bench(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the JSON object to.", metavar="FILE")
     ] = None,
-    page: Annotated[
+    into: Annotated[
         Path | None, typer.Option("--page", help="Page of the documents to write the tables into.", metavar="FILE")
     ] = None,
     as_json: AsJson = False,
@@ -209,15 +210,15 @@ def slide_bench(
     if output is not None:
         check_writable(output)
     settings = settings_of(sections or (), options)
-    if page is not None:
-        write_into(_read(page), str(page), dict.fromkeys(settings, ()))  # refused before hours of measuring
+    if into is not None:
+        write_into(_read(into), str(into), dict.fromkeys(settings, ()))  # refused before hours of measuring
     results = measure_sections(Subject.load(model), settings, _report)
     document = results.to_dict()
     if output is not None:
         write_whole(output, json.dumps(document, indent=2, allow_nan=False).encode() + b"\n")
     tables = {name: SECTIONS[name].tables(each, results.verdicts[name]) for name, each in results.figures.items()}
-    if page is not None:
-        write_whole(page, write_into(_read(page), str(page), tables).encode())
+    if into is not None:
+        write_whole(into, write_into(_read(into), str(into), tables).encode())
     if as_json:
         print_json(document)
     else:

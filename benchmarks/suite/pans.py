@@ -210,8 +210,7 @@ class Disturbed:
         robust: as `friction_off`, of the best of 24 candidates, chosen by their mean under such frictions.
         refined: as `robust`, refined for such frictions in REFINED steps; None without numba.
         friction_worst: mean tracking RMSE (m) under the friction of the family `friction` where this is largest.
-        asked: mean tracking RMSE (m) in closed loop if the decoder is asked every ASKED_EVERY samples, or, if it cannot
-            be, after each chunk.
+        asked: mean tracking RMSE (m) in closed loop if the decoder is asked every ASKED_EVERY samples.
         back: time (s) after a push of PUSH until the mean distance of object and command, in that loop, is less than
             twice what it is on the whole without a push.
     """
