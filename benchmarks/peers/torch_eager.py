@@ -64,7 +64,8 @@ class EagerDecoderStep:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        self.lstm = seen_once(network.decoder_lstm)
+        with torch.random.fork_rng():  # building an LSTM draws weights
+            self.lstm = seen_once(network.decoder_lstm)
 
     def run(self, _outputs: Sequence[str], inputs: Mapping[str, Float32Array]) -> list[Float32Array]:
         """Take one decoder iteration; inputs and outputs are those of the bundle's graph."""

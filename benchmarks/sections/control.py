@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import cycle
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +16,22 @@ from rich.table import Table
 from benchmarks.harness.section import Measured, Section, Subject, at_least
 from benchmarks.harness.tables import span, targets_table
 from benchmarks.harness.targets import COUNT, MEGABYTES, MILLIMETRES, MILLISECONDS, PERCENT, SECONDS, Target, Verdict
-from benchmarks.harness.timing import Spread, environment_with_runtime, interleave
+from benchmarks.harness.timing import Spread, environment_with_runtime
 from benchmarks.suite.families import SAMPLES, spline
 from benchmarks.suite.sight import Place, Sight, measure_sight
+from runtime.command import Command
 from runtime.documents.options import option
 from runtime.errors import InputError, SlideError
-from runtime.limits import NO_LIMITS
+from runtime.network.decode import decode
+from runtime.network.job import Job
+from runtime.network.reach import with_reach
+from runtime.network.reader import chunk_of, time_of
 from runtime.physics.law import slide_one
 from runtime.physics.pan import integrate_pan
 from runtime.planner import Planner
+from runtime.safety.governor import govern
+from runtime.safety.pan import Pan
+from runtime.start import Start
 
 FIRST_PLAN = """
 import sys
@@ -183,14 +190,21 @@ def _steps(planner: Planner) -> Iterator[float]:
 
 
 def _governor_share(planner: Planner, rounds: int) -> float:
-    """Plan with and without limits in turn; the pairs are of the same command."""
-    free, governed = cycle(spline().positions), cycle(spline().positions)
-    actions = {
-        "free": lambda: planner.plan(next(free), limits=NO_LIMITS),
-        "governed": lambda: planner.plan(next(governed)),
-    }
-    durations = interleave(actions, rounds)
-    return float(np.median(1.0 - durations["free"] / durations["governed"]))
+    """Return the share of a plan's time that the governor takes, of the median command."""
+    manifest, shares = planner.bundle.manifest, []
+    for position in islice(cycle(spline().positions), rounds):
+        begin = time.perf_counter()
+        planner.plan(position)
+        whole = time.perf_counter() - begin
+        job = with_reach(Job(Command(position), manifest.friction, manifest.limits, Start()))
+        motion, _ = decode(planner.bundle, [job])
+        pans, chunk = [Pan.at_start(job.start, job.limits)], chunk_of(time_of(job.limits, job.reach_used))
+        asked = np.split(motion.asked, range(chunk, motion.asked.shape[1], chunk), axis=1)
+        begin = time.perf_counter()
+        for each in asked:
+            _, _, pans = govern(pans, each)
+        shares.append((time.perf_counter() - begin) / whole)
+    return float(np.median(shares))
 
 
 def _first_plan(model: Path, rounds: int) -> tuple[Spread, float]:

@@ -113,7 +113,7 @@ def test_absent_checkpoint_is_refused(tmp_path):
         export_bundle(tmp_path / "nowhere", tmp_path / "bundle")
 
 
-def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_path):
+def test_int8_bundle_plans_nearly_as_well_in_half_of_the_bytes(run, tmp_path):
     export_bundle(run, tmp_path / "fp32")
     quantized = quantize_bundle(tmp_path / "fp32", tmp_path / "int8")
     assert quantized.comparison.growth < 0.05
@@ -122,7 +122,7 @@ def test_int8_bundle_plans_nearly_as_well_in_a_quarter_of_the_bytes(run, tmp_pat
     manifest = int8.bundle.manifest
     assert (manifest.precision, manifest.units) == ("int8", fp32.bundle.manifest.units)
     assert manifest.evaluation["int8_growth"] == pytest.approx(quantized.comparison.growth, abs=1e-4)
-    assert sum(int8.bundle.sizes.values()) < 0.45 * sum(fp32.bundle.sizes.values())
+    assert sum(int8.bundle.sizes.values()) < 0.55 * sum(fp32.bundle.sizes.values())
     position = 0.05 * np.sin(np.arange(300) / 100.0)[:, None] * [1.0, 0.5]
     asked = [planner.plan(position).pan_acceleration[:58] for planner in (fp32, int8)]
     difference = asked[0] - asked[1]

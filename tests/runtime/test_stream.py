@@ -116,7 +116,7 @@ def test_stream_reacts_to_what_is_measured(planner: Planner, make_curve: Curve) 
 
 
 @pytest.mark.parametrize("missing", ["none", "nan", "absurd", "old", "future", "stale", "object only"])
-def test_what_is_missing_is_predicted_for_a_chunk_and_then_braked_until_reset(
+def test_what_is_missing_is_predicted_for_a_fifth_of_a_second_and_then_braked_until_reset(
     stream: Stream, plant: Plant, missing: str
 ) -> None:
     def step() -> Array:
@@ -135,9 +135,10 @@ def test_what_is_missing_is_predicted_for_a_chunk_and_then_braked_until_reset(
     for _ in range(3):
         last = plant.seen()
         plant.move(stream.step(*last))
-    plant.move(step())
-    assert stream.status is StreamStatus.PREDICTED
-    for _ in range(3):
+    for _ in range(200 // CHUNK):
+        plant.move(step())
+        assert stream.status is StreamStatus.PREDICTED
+    for _ in range(4):
         plant.move(step())
         assert stream.status is StreamStatus.BRAKING
     np.testing.assert_allclose(plant.pan[-1, 3:], 0.0, atol=TOLERANCE)
