@@ -111,7 +111,7 @@ def measure_site(_: Subject, settings: SiteSettings) -> Measured:
         )
         page.evaluate("navigator.serviceWorker.ready.then(() => null)")
         opened = []
-        for _ in range(settings.rounds):
+        for _round in range(settings.rounds):
             page.reload(wait_until="commit")
             page.wait_for_function(PLANNED, polling=10)  # the drawing is in the address, and planned
             opened.append(page.evaluate("performance.now()") * 1e-3)
