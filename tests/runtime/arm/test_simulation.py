@@ -162,7 +162,7 @@ def test_both_simulators_have_the_same_arm(name: str) -> None:
 
 
 def test_an_arm_of_seven_joints_moves_as_the_plan_says_in_its_own_axes(settings: Simulated) -> None:
-    gentle, arm = motions()[0], SimulatedArm(settings, load_arm("fr3"))
+    gentle, arm = motions()[0], SimulatedArm(settings, load_arm("iiwa14"))
     slow = Plan.of_accelerations(0.2 * gentle.pan_acceleration, gentle.friction, "slow")
     recording = execute(slow, arm, open_loop(slow))
     results = Results.of(slow, recording, FRICTION)

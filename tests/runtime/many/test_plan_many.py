@@ -116,7 +116,8 @@ def test_finished_run_is_not_run_again_and_another_one_is_refused(
     assert before == (content(folder), (folder / "plans-00000.parquet").stat().st_mtime_ns)
     code, _, err = many(*arguments, "--reach", 0.1)
     assert code == 2
-    assert f"{folder} was begun otherwise: limits.pan_reach was 100.0 and is 0.1; give the same again" in err
+    assert f"{folder} was begun otherwise: limits.pan_reach was " in err
+    assert " and is 0.1; give the same again" in err
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").touch()
     assert many(commands, "-o", tmp_path / "other")[0] == 2
@@ -155,7 +156,7 @@ def test_each_row_is_planned_by_the_shipped_network_for_its_limits(many: Many, t
     many(path, "-o", tmp_path / "plans")
     planner = Planner()
     made = [planner.plan(curve(1), limits=name and Limits.named(name)) for name in named]
-    assert len({plan.model_name for plan in made}) == 2
+    assert made[0].quality.acceleration_max > 13.0 >= made[1].quality.acceleration_max - 1e-9
     for row, plan in zip(rows(tmp_path / "plans"), made, strict=True):
         np.testing.assert_allclose(row["pan_acceleration"], plan.pan_acceleration, atol=1e-3)
 
