@@ -1,6 +1,7 @@
 /** The closed loop of the page's own planner, in the place of a server's: states in, accelerations of the pan out. */
 
-const triples = (values) => Array.from({ length: values.length / 3 }, (_, k) => Array.from(values.slice(3 * k, 3 * k + 3)));
+const triple = (values, k) => Array.from(values.slice(3 * k, 3 * k + 3));
+const triples = (values) => Array.from({ length: values.length / 3 }, (_, k) => triple(values, k));
 
 export class OwnStream {
   #follower = null;
@@ -30,5 +31,7 @@ export class OwnStream {
 
 const inSpace = ([x, y, z = 0]) => [x, y, z];
 
-const stateOf = ({ pan_position: at, pan_velocity: moving, pan_acceleration: pushed, object_position: x, object_velocity: v }) =>
-  ({ pan: [...inSpace(at), ...inSpace(moving), ...inSpace(pushed)], object: [...x, ...v] });
+const stateOf = (start) => ({
+  pan: [...inSpace(start.pan_position), ...inSpace(start.pan_velocity), ...inSpace(start.pan_acceleration)],
+  object: [...start.object_position, ...start.object_velocity],
+});

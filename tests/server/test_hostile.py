@@ -215,19 +215,22 @@ def test_message_that_comes_a_byte_at_a_time_is_given_up(run_server: Callable[..
 
 
 def test_requests_by_the_thousand_without_a_body_keep_nobody_waiting(server: Any) -> None:
-    """HEAD, OPTIONS and what else is cheap, as fast as they are answered, over one connection."""
+    """HEAD, OPTIONS and what else is cheap, as fast as they are answered, over connections that may be closed on us."""
     request = b"HEAD / HTTP/1.1\r\n" + HOST + b"\r\n" + b"OPTIONS /plan HTTP/1.1\r\n" + HOST + b"\r\n"
-    with opened(server) as connection:
-        connection.setblocking(False)
-        until, worst = time.monotonic() + 2.0, 0.0
-        while time.monotonic() < until:
-            with suppress(BlockingIOError):
-                connection.send(request)
-            with suppress(BlockingIOError):
-                connection.recv(1 << 16)
-            begin = time.perf_counter()
-            assert server.get("/health/live").status_code == 200
-            worst = max(worst, time.perf_counter() - begin)
+    until, worst, answered = time.monotonic() + 2.0, 0.0, 0
+    while time.monotonic() < until:
+        with suppress(ConnectionError), opened(server) as connection:
+            connection.setblocking(False)
+            rest = request
+            while time.monotonic() < until:
+                with suppress(BlockingIOError):
+                    rest = rest[connection.send(rest) :] or request  # it takes part of one when it is full
+                with suppress(BlockingIOError):
+                    answered += connection.recv(1 << 16).count(b"HTTP/1.1 ")
+                begin = time.perf_counter()
+                assert server.get("/health/live").status_code == 200
+                worst = max(worst, time.perf_counter() - begin)
+    assert answered > 100
     assert worst < 0.5
 
 
