@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from os import PathLike
 from typing import TypeVar
 
@@ -22,7 +21,7 @@ from runtime.network.bundle import SHIPPED, Bundle
 from runtime.network.decode import decode
 from runtime.network.job import Job
 from runtime.network.reach import with_reach
-from runtime.network.reader import chunk_samples, group_of
+from runtime.network.reader import chunk_samples, groups_of
 from runtime.physics.compiled import check_compiler
 from runtime.physics.motion import Motion
 from runtime.plan import Plan
@@ -169,11 +168,8 @@ class Planner:
         jobs = [Job(command, *self._defaults(*one)) for command, one in zip(commands, each, strict=True)]
         held = _tolerance(tolerance)
         jobs = [with_reach(job) for job in jobs]
-        groups: dict[Hashable, list[int]] = defaultdict(list)
-        for index, job in enumerate(jobs):
-            groups[group_of(job)].append(index)
         plans: dict[int, Plan] = {}
-        for indices in groups.values():
+        for indices in groups_of(jobs):
             group = [jobs[index] for index in indices]
             motions, pans = decode(self.bundle, group)
             errors = friction_off_errors(

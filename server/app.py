@@ -87,6 +87,8 @@ def create_app(
 
 
 def _add_views(app: FastAPI, service: Service) -> None:
+    more = links()  # which is read from a file
+
     @app.get("/health/live")
     async def live() -> dict[str, str]:
         """Say that the server runs."""
@@ -106,7 +108,7 @@ def _add_views(app: FastAPI, service: Service) -> None:
         manifest = bundle.manifest.to_dict()
         shown = {name: manifest[name] for name in ("name", "precision", "network", "dt", "friction", "limits", "sizes")}
         model = {**shown, "trained_on": manifest["trained_on"], "sha256": bundle.sha256}
-        document = {"version": app.version, "model": model, "settings": service.settings.shown(), "links": links()}
+        document = {"version": app.version, "model": model, "settings": service.settings.shown(), "links": more}
         return Response(orjson.dumps(document), media_type="application/json")
 
     @app.get("/metrics", response_class=Response, responses=problems(401, 421))

@@ -323,7 +323,8 @@ def _check_near(position: Vector, name: str) -> None:
 
 
 def _numbers(joint: Joint) -> Iterator[float]:
-    yield from (*joint.frame.position, *joint.frame.rpy, *joint.axis)
+    """Yield the numbers of a joint, but those of its frame and its body."""
+    yield from joint.axis
     for each in fields(joint):
         value = getattr(joint, each.name)
         if isinstance(value, (int, float)) and not isinstance(value, bool):

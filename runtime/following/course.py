@@ -17,7 +17,6 @@ from runtime.observe.estimates import FrictionEstimate
 NOTICED_DELAY = 2
 """Samples by which an arm must be later than was thought for the command to be read anew."""
 
-
 NOTICED_FRICTION = 0.05
 """Share by which the friction found must differ from what the network was told, for it to be told anew."""
 

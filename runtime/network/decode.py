@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle
 from runtime.network.job import Job
-from runtime.network.reader import Reader, group_of
+from runtime.network.reader import Reader, groups_of
 from runtime.physics.law import slide
 from runtime.physics.motion import Motion
 from runtime.safety.governor import govern
@@ -64,11 +63,8 @@ def decode_all(bundle: Bundle, jobs: Sequence[Job]) -> list[tuple[Motion, Pan]]:
     Raises:
         InputError, BundleError: as `decode`.
     """
-    groups: dict[Hashable, list[int]] = defaultdict(list)
-    for index, job in enumerate(jobs):
-        groups[group_of(job)].append(index)
     found: dict[int, tuple[Motion, Pan]] = {}
-    for indices in groups.values():
+    for indices in groups_of(jobs):
         motions, pans = decode(bundle, [jobs[index] for index in indices])
         for row, index in enumerate(indices):
             found[index] = motions.one(row), pans[row]

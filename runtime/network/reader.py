@@ -7,6 +7,7 @@ the middles of its samples, or where these are shorter than a millisecond, the m
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Hashable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
@@ -239,12 +240,11 @@ def _told(limits: Limits, reach_used: float) -> tuple[float, float, float]:
 
 def situation_of(jobs: Sequence[Job], units: Units) -> Situation:
     """Return what the network is told of jobs, in the units of their pans: the friction always."""
-    told = [(job.limits.jerk, job.limits.speed, job.limits.height, *_coefficients(job), 1.0) for job in jobs]
+    told = [
+        (job.limits.jerk, job.limits.speed, job.limits.height, job.friction.static, job.friction.kinetic, 1.0)
+        for job in jobs
+    ]
     return Situation.of(units, *np.array(told).T)
-
-
-def _coefficients(job: Job) -> tuple[float, float]:
-    return job.friction.static, job.friction.kinetic
 
 
 def time_of(limits: Limits, reach_used: float = 1.0) -> float:
@@ -272,6 +272,14 @@ def group_of(job: Job) -> Hashable:
     """Return what jobs must have in common to be decoded together: as many questions, of equal length."""
     step = time_of(job.limits, job.reach_used)
     return step, -(-len(job.command) // chunk_of(step))
+
+
+def groups_of(jobs: Sequence[Job]) -> list[list[int]]:
+    """Return the numbers of the jobs of each group."""
+    groups: dict[Hashable, list[int]] = defaultdict(list)
+    for index, job in enumerate(jobs):
+        groups[group_of(job)].append(index)
+    return list(groups.values())
 
 
 def milliseconds(step: float, count: int) -> FloatArray:

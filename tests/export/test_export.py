@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import onnx
 import pytest
-import torch
 
 from export.cli import export_main
 from export.float_graphs import decoder_step_graph, encoder_graph
@@ -30,17 +29,6 @@ OPERATORS = {
     "Squeeze", "Sub", "Tanh", "Transpose", "Unsqueeze",
 }  # fmt: skip
 """All that a bundle's graphs are made of."""
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """An untrained run whose output is large enough to slide the object."""
-    folder = tmp_path_factory.mktemp("run")
-    trainer = Trainer(load_config("smoke"), folder)
-    with torch.no_grad():
-        trainer.evaluated_model().output.weight *= 20
-    trainer.save()
-    return folder
 
 
 @pytest.mark.parametrize("changes", [{"features": 24}, {"layers": 1}, {"layers": 3}])

@@ -30,7 +30,6 @@ from runtime.network.units import (
 from train.config import load_config
 from train.evaluation.evaluate import commands_of, load_subjects
 from train.learn.checkpoint import load_checkpoint
-from train.learn.trainer import Trainer
 from train.network.network import Network, Told, observe
 from train.network.real_time import PanLimits, follow
 from train.network.recipe import VALIDATED, load_network
@@ -75,17 +74,6 @@ def test_graphs_do_what_the_network_does(height):
     np.testing.assert_allclose(found[2], after.cell, atol=1e-5)
     assert np.linalg.norm(found[0], axis=-1).max() > 20.0
     assert bool(found[0][..., 2].any()) == (height > 0.0)
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """An untrained run whose answers are large."""
-    folder = tmp_path_factory.mktemp("run")
-    trainer = Trainer(load_config("smoke"), folder)
-    with torch.no_grad():
-        trainer.evaluated_model().output.weight *= 20
-    trainer.save()
-    return folder
 
 
 def test_run_is_exported_as_a_bundle_that_answers_alike(run, tmp_path):
