@@ -2,10 +2,15 @@
 
 What is written once runs twice: as it stands, over lists of floats, and compiled, over arrays, some forty times faster.
 Numba takes half a second to import and seconds to compile, so nothing here happens before it is asked for.
+
+Where numba's own variable NUMBA_CACHE_DIR names a folder, what is compiled is kept there, and the next process loads it
+in a tenth of the time. Numba does not see when a function has changed that a kept one calls: each version needs a
+folder of its own.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any
@@ -14,6 +19,9 @@ from runtime.errors import extra
 
 Compiler = Callable[[Any], Any]
 
+CACHE = "NUMBA_CACHE_DIR"
+"""The variable that names the folder for what is compiled."""
+
 
 def compiler() -> Compiler | None:
     """Return what compiles a function, None if numba is not installed."""
@@ -21,7 +29,7 @@ def compiler() -> Compiler | None:
         import numba
     except ImportError:
         return None
-    compile_one: Compiler = numba.njit(nogil=True, error_model="numpy")
+    compile_one: Compiler = numba.njit(nogil=True, error_model="numpy", cache=CACHE in os.environ)
     return compile_one
 
 

@@ -10,7 +10,8 @@ has had the least time. What a batch takes is bounded by its chunks, and what it
 ones may hold until they are read: the process waits for those who read, each client for itself.
 
 A process that ends, or is at one batch for too long, is replaced. What it was planning then has failed, and what waits
-is sent away: a new one takes a second to be ready.
+is sent away: a new one takes a second to be ready, for it loads what the first one has compiled. That one does nothing
+else, and gives back the memory that compiling takes.
 """
 
 from __future__ import annotations
@@ -20,17 +21,18 @@ import logging
 import time
 from collections import defaultdict, deque
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from runtime import InputError
 from runtime.network.manifest import Manifest
 from server.metrics import Metrics
 from server.planning.bounds import NPZ_ROW_BYTES, PLAN_BYTES, ROW_BYTES
 from server.planning.messages import LANES, Batch, Lane, PlanFailure, PlannerOptions, PlanReply, ReadJob
-from server.planning.process import PLANNING_COMMAND, Child, keep
+from server.planning.process import PLANNING_COMMAND, Child, keep, once
 from server.problems import Problem, for_input
 from server.settings import Settings
 from server.shares import AGAIN, Lease, Shares, Turns
@@ -199,12 +201,17 @@ class Dispatcher:
         Raises:
             BundleError: a process is not ready to plan.
         """
-        await keep("planning", self._first_message, self._command, self._use, self._lost)
+        if not self._options.compile:
+            await self._plan_with(self._options)
+            return
+        with temporary_folder() as folder:
+            options = self._options._replace(compiled=folder)
+            if folder is not None:
+                await once("planning", options, self._command)
+            await self._plan_with(options)
 
-    def _first_message(self) -> PlannerOptions:
-        """Return what the next process plans with; all but the first compile while they plan, to be ready sooner."""
-        options, self._options = self._options, self._options._replace(at_once=False)
-        return options
+    async def _plan_with(self, options: PlannerOptions) -> None:
+        await keep("planning", options, self._command, self._use, self._lost)
 
     async def _use(self, child: Child) -> None:
         """Plan with one process.
@@ -311,10 +318,10 @@ class Dispatcher:
             if isinstance(reply, PlanReply):
                 self._metrics.plan(reply, one.job.samples)
                 one.finish(WrittenPlan(body, waited, reply.encode, reply.decode, reply.write))
-            elif isinstance(reply.error, InputError):
+            elif reply.error is not None:
                 one.finish(for_input(reply.error))
             else:
-                one.finish(reply.error or Problem("failed", "the plan could not be made"))
+                one.finish(Problem("failed", "the plan could not be made"))
         taken = time.perf_counter() - begin
         for one in batch:
             lane.turns.charge(one.client, taken / len(batch))
@@ -333,6 +340,18 @@ class Dispatcher:
             with suppress(ValueError):
                 self._queue.remove(one)
                 self._metrics.queue_depth.set(len(self._queue))
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path | None]:
+    """Make a folder that goes again; None, and a line says why, where there is no room for one."""
+    with ExitStack() as stack:
+        folder = None
+        try:
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix="slide-serve-", ignore_cleanup_errors=True)))
+        except OSError as error:
+            log.warning("each planning process compiles anew, which takes seconds: %s", error)
+        yield folder
 
 
 def _together(one: QueuedJob, other: QueuedJob) -> bool:

@@ -46,13 +46,13 @@ class PlannerOptions(NamedTuple):
         model: the bundle's folder; the shipped one if None.
         sha256: what the bundle must have.
         compile: whether to compile what can be, which takes seconds: plans are made faster, and can be refined.
-        at_once: whether to compile before the first plan, or meanwhile.
+        compiled: folder that what is compiled is kept in and loaded from; none if None.
     """
 
     model: Path | None
     sha256: str
     compile: bool
-    at_once: bool = True
+    compiled: Path | None = None
 
 
 class ReaderOptions(NamedTuple):
@@ -220,12 +220,12 @@ class PlanFailure(NamedTuple):
     Attributes:
         lane: of its batch.
         number: of the job in its batch, from 0.
-        error: what is wrong with the job, or why it cannot be done now; None if neither is known.
+        error: what is wrong with the job; None if that is not known.
     """
 
     lane: Lane
     number: int
-    error: InputError | Problem | None
+    error: InputError | None
 
 
 def frame(message: object, follows: int = 0) -> bytes:

@@ -140,7 +140,7 @@ class Child:
 
 async def keep(
     name: str,
-    options: Callable[[], object],
+    options: object,
     command: Sequence[str],
     use: Callable[[Child], Coroutine[Any, Any, None]],
     lost: Callable[[], None],
@@ -164,12 +164,9 @@ async def keep(
     while True:
         try:
             async with asyncio.timeout(START_TIMEOUT):
-                child = await Child.start(options(), command)
-        except (EOFError, OSError) as error:  # a TimeoutError is an OSError
-            why = {EOFError: f"has ended ({error})", TimeoutError: "hangs"}.get(
-                type(error), f"cannot be started: {error}"
-            )
-            seldom.error(log, f"the {name} process {why} before it was ready: another one is started")
+                child = await Child.start(options, command)
+        except (EOFError, OSError) as error:
+            seldom.error(log, f"the {name} process {_why(error)} before it was ready: another one is started")
             pause = min(LONGEST_PAUSE, 2.0 * pause or FIRST_PAUSE)
             await asyncio.sleep(pause)
             continue
@@ -184,3 +181,30 @@ async def keep(
             lost()
             code = await (child.stop(0.0) if hung else child.stop())
         log.error("the %s process %s (%d): a new one is started", name, "hung" if hung else "has ended", code)
+
+
+async def once(name: str, options: object, command: Sequence[str]) -> None:
+    """Start a process, and let it end as soon as it is ready; if it never is, a line says why.
+
+    Args:
+        name: of the process, for the log.
+        options: its first message.
+        command: how it is run.
+
+    Raises:
+        BundleError: it says that it cannot do its work.
+    """
+    try:
+        async with asyncio.timeout(START_TIMEOUT):
+            child = await Child.start(options, command)
+    except (EOFError, OSError) as error:
+        log.error("the %s process %s before it was ready", name, _why(error))
+    else:
+        await child.stop()
+
+
+def _why(error: Exception) -> str:
+    """Return what became of a process that did not become ready."""
+    if isinstance(error, EOFError):
+        return f"has ended ({error})"
+    return "hangs" if isinstance(error, TimeoutError) else f"cannot be started: {error}"

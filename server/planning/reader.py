@@ -57,7 +57,7 @@ class Reader:
 
     async def run(self) -> None:
         """Keep a process that reads, until cancelled."""
-        await keep("reading", lambda: self._options, self._command, self._use, self._lost)
+        await keep("reading", self._options, self._command, self._use, self._lost)
 
     async def read(self, client: str, kind: str, body: bytes, **options: Any) -> Any:
         """Return what a body asks for.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
 import pickle
 import signal
 import socket
@@ -19,6 +20,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from queue import SimpleQueue
 
 import numpy as np
@@ -28,10 +30,9 @@ from runtime import BundleError, InputError, MissingExtraError, Plan, Planner, S
 from runtime.compilation import compile_law
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle, Float32Array, LstmState
+from runtime.physics.compiled import CACHE
 from server import logs
 from server.planning.messages import LANES, Batch, Channel, Lane, PlanFailure, PlanJob, PlannerOptions, PlanReply
-from server.problems import Problem
-from server.shares import AGAIN
 
 log = logging.getLogger("slide-serve")
 
@@ -80,7 +81,6 @@ class Worker:
 
     def __init__(self, channel: Channel, load: Callable[[PlannerOptions], Planner]) -> None:
         self._channel, self._load = channel, load
-        self._compiling: threading.Thread | None = None
 
     def run(self) -> None:
         """Plan until the server hangs up."""
@@ -93,9 +93,6 @@ class Worker:
         assert isinstance(planner.bundle, TimedBundle)
         self._planner, self._bundle = planner, planner.bundle
         gc.freeze()  # what is loaded stays: it need not be looked through again and again
-        if options.compile and not options.at_once:
-            self._compiling = threading.Thread(target=compile_all, args=(options,), daemon=True)
-            self._compiling.start()
         self._channel.send("")
         waiting: dict[Lane, SimpleQueue[list[bytes] | None]] = {lane: SimpleQueue() for lane in LANES}
         threads = [threading.Thread(target=self._serve, args=each) for each in waiting.items()]
@@ -121,10 +118,6 @@ class Worker:
     def _plan(self, lane: Lane, batch: list[PlanJob], indices: range) -> None:
         """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
         begin, self._bundle.spent.seconds = time.perf_counter(), 0.0
-        if batch[indices[0]].refine_ms is not None and self._compiling is not None and self._compiling.is_alive():
-            compiling = Problem("not-ready", "refinement is being compiled, which takes seconds", headers=AGAIN)
-            self._channel.send(PlanFailure(lane, indices[0], compiling))
-            return
         try:
             plans = self._plans([batch[index] for index in indices])
         except Exception as error:
@@ -181,9 +174,9 @@ def load_planner(options: PlannerOptions) -> Planner:
     """
     planner = Planner(options.model, sha256=options.sha256)
     planner.bundle = TimedBundle(**vars(planner.bundle))
-    if options.compile and options.at_once:
-        compile_law()
     position = golden_move()
+    if options.compile:
+        compile_all(planner, position, options.compiled)
     plan = planner.plan(position)
     batch = planner.plan_batch([position, 0.5 * position, position])
     replayed = plan.replay()[:, :2]
@@ -194,16 +187,20 @@ def load_planner(options: PlannerOptions) -> Planner:
         raise BundleError(f"the golden plan differs from itself by {largest:.3g} m, more than {AGREEMENT:g} m")
     if plan.quality.status is Status.LIMIT_EXCEEDED:
         raise BundleError(f"the golden plan does not keep its limits: {'; '.join(plan.quality.notes)}")
-    if options.compile and options.at_once:
-        planner.plan(position, refine_iterations=1)  # compiles too, which takes longer than any deadline
     return planner
 
 
-def compile_all(options: PlannerOptions) -> None:
-    """Compile what can be, beside the planning: the law, and what refines."""
-    compile_law()
-    with suppress(MissingExtraError):
-        Planner(options.model, sha256=options.sha256).plan(golden_move(), refine_iterations=1)
+def compile_all(planner: Planner, position: FloatArray, kept: Path | None) -> None:
+    """Compile the law, and what refines; or load it from where an earlier process has kept it."""
+    if kept is not None:
+        os.environ[CACHE] = str(kept)
+    try:
+        compile_law()
+        planner.plan(position, refine_iterations=1)
+    except OSError as error:
+        os.environ.pop(CACHE)
+        log.warning("what is compiled cannot be kept: %s", error)
+        compile_all(planner, position, None)
 
 
 def main(load: Callable[[PlannerOptions], Planner] = load_planner) -> None:
