@@ -15,6 +15,7 @@ from runtime.assess.training_range import beyond_training
 from runtime.command import Command
 from runtime.documents.checks import number
 from runtime.errors import InputError
+from runtime.following.tighten import Check
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.network.bundle import SHIPPED, Bundle
@@ -191,6 +192,7 @@ class Planner:
         command_delay: float | None = 0.0,
         noise: float = OBJECT_NOISE,
         every: int | None = None,
+        check: Check | None = None,
     ) -> Stream:
         """Start to follow a command with a controller that measures; see `Stream`.
 
@@ -201,12 +203,13 @@ class Planner:
             command_delay: time from a command to its execution (s); None to use what the encoders tell of it.
             noise: standard deviation of the positions that `Stream.see_object` is told (m).
             every: samples after which `Stream.due` asks for the next chunk; the whole chunk if None.
+            check: tells what the arm comes to along a motion, so that its joints hold too; see `Stream`.
 
         Raises:
             InputError: as for `plan`.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
-        return Stream(self.bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise, every)
+        return Stream(self.bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise, every, check)
 
     def _defaults(
         self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None

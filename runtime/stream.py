@@ -26,6 +26,7 @@ from runtime.following.chunk import next_chunk
 from runtime.following.course import Course
 from runtime.following.end import End
 from runtime.following.state import StreamState, StreamStatus
+from runtime.following.tighten import Check, checked_chunk
 from runtime.measured import check_age, check_pan, check_state, check_states
 from runtime.network.bundle import Bundle
 from runtime.network.job import Job
@@ -66,6 +67,8 @@ class Stream:
         noise: standard deviation of the positions that `see_object` is told (m).
         every: samples after which the network should be asked again at the latest; None for the whole chunk, which
             follows best.
+        check: tells what the arm comes to along a motion, so that its joints hold too; see `JointCheck` of
+            `runtime.arms.check`. None for the pan's limits alone.
 
     Attributes:
         chunk: samples in a chunk, C: as many as the limits make it.
@@ -83,6 +86,7 @@ class Stream:
         command_delay: float | None = 0.0,
         noise: float = OBJECT_NOISE,
         every: int | None = None,
+        check: Check | None = None,
     ) -> None:
         if not job.limits.finite:
             raise InputError("a stream needs finite limits: without them there is no stop", "limits")
@@ -100,6 +104,7 @@ class Stream:
         self._course = Course.begin(bundle, job, round((self._command_delay or 0.0) / DT))
         self.chunk = self._course.reader.chunk
         self._every = None if every is None else self._sample(every, "every", 1)
+        self._check = check
         self._state = self._begin(job.start, job.command.position[0])
 
     @property
@@ -239,7 +244,9 @@ class Stream:
                     self._course = self._course._replace(reader=asked.after(samples))
                 self._state = early
             late = self._late if self._command_delay is None else None
-            self._state, self._course = next_chunk(self._state, self._course, self._end, self._limits, samples, late)
+            given = self._state, self._course, self._end, self._limits, samples, late
+            following = next_chunk(*given) if self._check is None else checked_chunk(*given, self._check)
+            self._state, self._course = following
             return self._state.motion.acceleration.copy()
 
     def brake(self, sample: int) -> FloatArray:

@@ -18,10 +18,11 @@ from runtime.arm.results import Results
 from runtime.arm.run import closed_loop, execute
 from runtime.arm.simulated import Simulated, Simulator
 from runtime.arm.simulation import SimulatedArm
+from runtime.arms.check import JointCheck
 from runtime.arms.fit import CANDIDATES, Fitted, fit
 from runtime.arms.load import load_arm
 from runtime.arms.model import ArmModel
-from runtime.arms.motion import follow_plan
+from runtime.arms.motion import JointMotion, follow_pan, follow_plan
 from runtime.arms.place import Place, find_place
 from runtime.command import Command
 from runtime.documents.options import option
@@ -80,6 +81,7 @@ class OnArm:
         executed: mean distance between object and command in MuJoCo, root mean square over a run (m).
         lost: how many objects fell off the pan there or toppled.
         touched: in how many runs a limit of the joints acted.
+        passed: in how many runs a joint was commanded more than its limits.
     """
 
     missed: int
@@ -90,6 +92,7 @@ class OnArm:
     executed: float
     lost: int
     touched: int
+    passed: int
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,7 @@ def _targets(name: str, most: float) -> tuple[Target, ...]:
         Target(f"arms.{name}.executed", "  object to command in MuJoCo, mean", MILLIMETRES, "<=", TRACKED),
         Target(f"arms.{name}.lost", "  objects lost there", COUNT, "<=", 0.0),
         Target(f"arms.{name}.touched", "  runs in which a limit acted", COUNT, "<=", 0.0),
+        Target(f"arms.{name}.passed", "  runs in which a joint was told more than its limit", COUNT, "<=", 0.0),
     )
 
 
@@ -153,20 +157,26 @@ def _on_arm(name: str, planner: Planner, commands: Sequence[Command], executed: 
         float(np.mean(errors)),
         float(np.median(solving)),
         max(each.joints.position_error for each in fitted),
-        float(np.mean([run.object_rms for run in runs])),
-        sum(run.lost is not None for run in runs),
-        sum(bool(run.limits) for run in runs),
+        float(np.mean([run.object_rms for run, _ in runs])),
+        sum(run.lost is not None for run, _ in runs),
+        sum(bool(run.limits) for run, _ in runs),
+        sum(bool(commanded.exceeded) for _, commanded in runs),
     )
 
 
-def _execute(plan: Plan, planner: Planner, model: ArmModel, place: Place) -> Results:
-    """Execute a plan in closed loop, under the kinetic friction it was made for, which is static friction there too."""
+def _execute(plan: Plan, planner: Planner, model: ArmModel, place: Place) -> tuple[Results, JointMotion]:
+    """Execute a plan in closed loop, under the kinetic friction it was made for, which is static friction there too.
+
+    Returns:
+        How it went, and the joints along what was commanded.
+    """
     settings = Simulated(simulator=Simulator.MUJOCO, friction=plan.friction.kinetic)
     limits = Limits.from_dict(plan.quality.limits)
-    stream = planner.stream(plan.command_position, plan.friction, limits=limits, sizes=plan.sizes)
+    check = JointCheck(model, place)
+    stream = planner.stream(plan.command_position, plan.friction, limits=limits, sizes=plan.sizes, check=check)
     arm = SimulatedArm(settings, model.arm, place.home)
     recording = execute(plan, arm, closed_loop(stream, stream.chunk, len(plan)))
-    return Results.of(plan, recording, settings.friction)
+    return Results.of(plan, recording, settings.friction), follow_pan(model, place, recording.pan_command)
 
 
 def _good(fitted: Fitted) -> bool:

@@ -26,8 +26,12 @@ from runtime.arm.results import Results, measured_track
 from runtime.arm.run import Hook, Recording, Source, check_plan, closed_loop, execute, open_loop
 from runtime.arm.simulated import Simulated, Simulator
 from runtime.arm.simulation import SimulatedArm
+from runtime.arms.check import JointCheck
 from runtime.arms.description import ArmDescription
+from runtime.arms.model import ArmModel
+from runtime.arms.motion import follow_pan, passed
 from runtime.arms.options import ArmChoice, choose
+from runtime.arms.place import Place
 from runtime.client import RemoteStream
 from runtime.documents.checks import FloatArray
 from runtime.documents.files import reading
@@ -44,6 +48,9 @@ from runtime.stream import Stream
 
 LEAST_NOISE = 2e-4
 """Noise that a stream is told if its camera has less (m): the simulators' bodies rock by as much."""
+
+Joints = tuple[ArmModel, Place]
+"""An arm that was named, and where it holds the pan."""
 
 SIMULATED_SIZES = Sizes(PAN_RADIUS, OBJECT_RADIUS)
 """Radii of the simulated pan and object."""
@@ -101,15 +108,17 @@ def run_on_arm(
         check_plan(plan)
     if options.friction is None:
         settings = replace(settings, friction=plan.friction.kinetic)
-    arm, loop = _arm(settings, choice), _Loop(options)
+    joints = None if choice.arm is None else choose(choice)
+    arm, loop = _arm(settings, joints), _Loop(options)
     hooks = [*(event.hook(arm.engine) for event in events), *hooks]
     with ExitStack() as stack:
-        source, remarks = _source(plan, options, loop, stack)
+        source, remarks = _source(plan, options, loop, joints, stack)
         remarks += _other_sizes(plan.sizes)
         recording = _execute(plan, arm, source, hooks, options)
     if options.log is not None and len(recording):
         write_log(options.log, recording.pan, loop.seen(recording))
 
+    shares, passed_limits = _commanded(recording, joints)
     friction = None if events else arm.settings.friction
     results = Results.of(plan, recording, friction) if len(recording) else None
     if report is not None and len(recording):
@@ -126,12 +135,12 @@ def run_on_arm(
         "found": loop.found,
         "interrupted": recording.interrupted,
         "results": None if results is None else results.to_dict(),
-        "limits": {} if results is None else _shares(results, arm.arm),
+        "limits": {} if results is None else _shares(results, arm.arm) | shares,
         "video": None if options.video is None else str(options.video),
         "report": None if report is None else str(report),
         "log": None if options.log is None else str(options.log),
     }
-    notes = [] if results is None else results.notes
+    notes = passed_limits if results is None else [*results.notes, *passed_limits]
     return Outcome(plan, results, notes, remarks, loop.rows, recording.interrupted, document)
 
 
@@ -192,11 +201,30 @@ class _Loop:
         ]
 
 
-def _arm(settings: Simulated, choice: ArmChoice) -> SimulatedArm:
-    if choice.arm is None:
+def _arm(settings: Simulated, joints: Joints | None) -> SimulatedArm:
+    if joints is None:
         return SimulatedArm(settings)
-    model, place = choose(choice)
+    model, place = joints
     return SimulatedArm(settings, model.arm, place.home)
+
+
+def _commanded(recording: Recording, joints: Joints | None) -> tuple[dict[str, float], list[str]]:
+    """Return what the worst joint was commanded of its limits on acceleration and jerk, and a line for what was passed.
+
+    A real arm stops where that is too much; a simulated one does not. Of a run cut short nothing is said.
+    """
+    if joints is None or recording.interrupted:
+        return {}, []
+    try:
+        motion = follow_pan(*joints, recording.pan_command)
+    except InputError as error:
+        return {}, [str(error)]
+    shares = {
+        name: max(known)
+        for name in ("acceleration", "jerk")
+        if (known := [each.share for each in motion.peaks if each.quantity == name and each.share is not None])
+    }
+    return shares, [passed(motion.exceeded)] if motion.exceeded else []
 
 
 def _shares(results: Results, arm: ArmDescription) -> dict[str, float]:
@@ -276,10 +304,13 @@ def _loop(options: ArmOptions) -> str:
     return "closed loop" if options.closed_loop else "open loop"
 
 
-def _source(plan: Plan, options: ArmOptions, loop: _Loop, stack: ExitStack) -> tuple[Source, list[str]]:
+def _source(
+    plan: Plan, options: ArmOptions, loop: _Loop, joints: Joints | None, stack: ExitStack
+) -> tuple[Source, list[str]]:
     """Return what moves the pan, and what is to be said of it; what must be closed is left to the stack.
 
-    In closed loop the network keeps to what the plan was made for: its friction, its limits, its sizes.
+    In closed loop the network keeps to what the plan was made for: its friction, its limits, its sizes, and to what
+    the joints can do where they are known.
     """
     held = plan.quality.limits
     limits = None if held["pan_reach"] is None else Limits.from_dict(held)
@@ -288,7 +319,10 @@ def _source(plan: Plan, options: ArmOptions, loop: _Loop, stack: ExitStack) -> t
         remote = stack.enter_context(
             RemoteStream(options.server, plan.command_position, plan.friction, limits=limits, token=token)
         )
-        return closed_loop(remote, remote.chunk, len(plan)), _other(plan, remote.model["name"], remote.model["sha256"])
+        remarks = _other(plan, remote.model["name"], remote.model["sha256"])
+        if joints is not None:
+            remarks.append("a server knows no joints: it keeps to the pan's limits alone")
+        return closed_loop(remote, remote.chunk, len(plan)), remarks
     if not options.closed_loop:
         return open_loop(plan), []
     planner = Planner(options.model)
@@ -299,6 +333,7 @@ def _source(plan: Plan, options: ArmOptions, loop: _Loop, stack: ExitStack) -> t
         sizes=plan.sizes,
         command_delay=options.command_delay or 0.0,
         noise=max(options.noise or 0.0, LEAST_NOISE),
+        check=None if joints is None else JointCheck(*joints),
     )
     remarks = _other(plan, planner.bundle.manifest.name, planner.bundle.sha256)
     if loop.camera is not None:

@@ -191,11 +191,19 @@ def follow_plan(model: ArmModel, place: Place, plan: Plan) -> JointMotion:
         InputError: the plan's pan does not begin at rest at the origin, or see `follow`.
     """
     pan = plan.with_stop().pan
-    position, velocity = pan[:, :3], pan[:, 3:]
-    if position[0].any() or velocity[0].any():
+    if pan[0].any():
         raise InputError("the plan's pan must begin at rest at the origin, where the arm holds it")
-    rotation = place.rotation
-    return follow(model, place, place.position + position @ rotation.T, velocity @ rotation.T)
+    return follow_pan(model, place, pan)
+
+
+def follow_pan(model: ArmModel, place: Place, pan: FloatArray) -> JointMotion:
+    """Return the joints along states of the pan (n, 6), from rest to rest: relative to the place, along its axes.
+
+    Raises:
+        InputError: see `follow`.
+    """
+    turn = place.rotation.T
+    return follow(model, place, place.position + pan[:, :3] @ turn, pan[:, 3:] @ turn)
 
 
 def follow(model: ArmModel, place: Place, position: FloatArray, velocity: FloatArray) -> JointMotion:

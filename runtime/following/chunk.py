@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from runtime.errors import BundleError
@@ -21,7 +23,13 @@ anywhere."""
 
 
 def next_chunk(
-    last: StreamState, course: Course, end: End, limits: Limits, samples: int, late: int | None
+    last: StreamState,
+    course: Course,
+    end: End,
+    limits: Limits,
+    samples: int,
+    late: int | None,
+    tight: Limits | None = None,
 ) -> tuple[StreamState, Course]:
     """Return what is carried with the next chunk, and what is followed after it.
 
@@ -32,17 +40,19 @@ def next_chunk(
         limits: of the pan.
         samples: executed since the network was asked before.
         late: by which the arm executes late, as it was found; None if it was told.
+        tight: on speed, acceleration and jerk of this chunk and of a stop that begins with it; None for the pan's own.
     """
     sight = last.sight
     if last.status is StreamStatus.BRAKING:
         return last.stopped(last.after, last.room), course
     unseen = sight.end - min(sight.arrived)
     if unseen >= max(UNSEEN, 2 * last.chunk):
-        return last.stopped(last.after, last.room), course
+        return last.stopped(_within(last.after, tight), last.room), course
     if late is not None:
         course = course.advanced(late)
     course = course.told(sight.friction_estimate)
     before, room = last.located(limits)
+    before = _within(before, tight)
     sliding = sight.sliding[-1]
     ending = end.ending(last, course, sliding, samples)
     if ending is not None and end.rests(last, course, ending, sliding):
@@ -56,6 +66,13 @@ def next_chunk(
     status = last.judged(room, limits, unseen >= last.chunk)
     going_on = course._replace(reader=asked.after(last.chunk))
     return last.followed_by(motion, before, after, room, status, asked, ending), going_on
+
+
+def _within(pan: Pan, tight: Limits | None) -> Pan:
+    if tight is None:
+        return pan
+    limits = replace(pan.limits, speed=tight.speed, acceleration=tight.acceleration, jerk=tight.jerk)
+    return pan._replace(limits=limits)
 
 
 def _follow(last: StreamState, course: Course, before: Pan, room: Room) -> tuple[Motion, Pan, Reader]:

@@ -136,6 +136,10 @@ class StreamState(NamedTuple):
         """Samples of a chunk."""
         return len(self.motion.acceleration)
 
+    def within(self, limits: Limits) -> Self:
+        """Return the same with a pan of these limits."""
+        return self._replace(before=self.before._replace(limits=limits), after=self.after._replace(limits=limits))
+
     def after_samples(self, samples: int) -> Self | None:
         """Return what is carried after so many samples of the chunk, None if there is no stop from there."""
         done = self.motion.first(samples)

@@ -16,7 +16,7 @@ def test_commands_are_planned_for_an_arm_and_followed_by_its_joints() -> None:
     assert (arm.missed, arm.stretch) == (0, 1.0)
     assert 0.0 < arm.tracking < 3e-3
     assert arm.position_error < 1e-7
-    assert (arm.lost, arm.touched) == (0, 0)
+    assert (arm.lost, arm.touched, arm.passed) == (0, 0, 0)
     assert 0.0 < arm.executed < 5e-3
 
 
