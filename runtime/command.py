@@ -42,7 +42,12 @@ def command_velocity(position: FloatArray, dt: float = DT) -> FloatArray:
     Returns:
         (..., K, 2) velocity (m/s).
     """
-    return np.gradient(position, dt, axis=-2)
+    velocity = np.empty(position.shape)
+    np.subtract(position[..., 2:, :], position[..., :-2, :], out=velocity[..., 1:-1, :])
+    velocity[..., 1:-1, :] /= 2.0 * dt
+    velocity[..., 0, :] = (position[..., 1, :] - position[..., 0, :]) / dt
+    velocity[..., -1, :] = (position[..., -1, :] - position[..., -2, :]) / dt
+    return velocity
 
 
 @dataclass(frozen=True, eq=False)

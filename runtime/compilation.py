@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from runtime.network import decode, taps
 from runtime.physics import law
 from runtime.safety import governor
 
@@ -16,4 +17,7 @@ def compile_law(use: bool = True) -> bool:
         Whether numba is used: False where it is not installed.
     """
     governor.run_compiled(use)
-    return law.run_compiled(use)
+    taps.run_compiled(use)
+    used = law.run_compiled(use)
+    decode.run_compiled(use)
+    return used

@@ -19,10 +19,10 @@ from runtime.following.tighten import Check
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.network.bundle import SHIPPED, Bundle
-from runtime.network.decode import decode
+from runtime.network.decode import decode_all
 from runtime.network.job import Job
 from runtime.network.reach import with_reach
-from runtime.network.reader import chunk_samples, groups_of
+from runtime.network.reader import chunk_samples
 from runtime.physics.compiled import check_compiler
 from runtime.physics.motion import Motion
 from runtime.plan import Plan
@@ -169,16 +169,11 @@ class Planner:
         jobs = [Job(command, *self._defaults(*one)) for command, one in zip(commands, each, strict=True)]
         held = _tolerance(tolerance)
         jobs = [with_reach(job) for job in jobs]
-        plans: dict[int, Plan] = {}
-        for indices in groups_of(jobs):
-            group = [jobs[index] for index in indices]
-            motions, pans = decode(self.bundle, group)
-            errors = friction_off_errors(
-                motions, [job.command.position for job in group], [job.friction for job in group]
-            )
-            for row, index in enumerate(indices):
-                plans[index] = self._plan(jobs[index], motions.one(row), pans[row], held, errors[row])
-        return [plans[index] for index in range(len(jobs))]
+        decoded = decode_all(self.bundle, jobs)
+        errors = friction_off_errors(
+            [motion for motion, _ in decoded], [job.command.position for job in jobs], [job.friction for job in jobs]
+        )
+        return [self._plan(job, *one, held, error) for job, one, error in zip(jobs, decoded, errors, strict=True)]
 
     def stream(
         self,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
-from runtime.physics.law import slide_batch
+from runtime.physics.law import compiled_law, slide_batch
 from runtime.physics.motion import Motion, lengths
 from runtime.physics.positions import slide_positions, slide_positions_batch
 from runtime.quality import FrictionRange
@@ -36,32 +37,43 @@ def friction_off_error(motion: Motion, command_position: FloatArray, friction: F
         command_position: (K, 2) where the object should be (m).
         friction: what it was made for.
     """
-    corners = friction.corners(FRICTION_OFF)
-    return _worst_error(slide_positions(motion.sliding[0], motion.acceleration[:-1], corners), command_position)
+    corners, compiled = friction.corners(FRICTION_OFF), compiled_law()
+    if compiled is not None:
+        squares = compiled.squares(motion.sliding[0], motion.acceleration, command_position, corners)
+        return float(np.sqrt(squares.max() / len(command_position)))
+    u = motion.acceleration[: len(command_position) - 1]
+    return _worst_error(slide_positions(motion.sliding[0], u, corners), command_position)
 
 
 def friction_off_errors(
-    motions: Motion, command_positions: Sequence[FloatArray], frictions: Sequence[Friction]
+    motions: Sequence[Motion], command_positions: Sequence[FloatArray], frictions: Sequence[Friction]
 ) -> list[float]:
     """Return `friction_off_error` of each of B plans, to the last bit, in less time.
 
     Args:
-        motions: B of them, of as many samples as the longest command or more.
+        motions: of each, of as many samples as its command or more.
         command_positions: (K, 2) of each (m).
         frictions: what each was made for.
     """
-    many = max(1, MOST_SAMPLES // motions.acceleration.shape[1])
-    errors = []
-    for first in range(0, len(frictions), many):
-        part = slice(first, first + many)
-        positions = slide_positions_batch(
-            motions.sliding[part, 0],
-            motions.acceleration[part, :-1],
-            [friction.corners(FRICTION_OFF) for friction in frictions[part]],
-        )
-        for each, command in zip(positions, command_positions[part], strict=True):
-            errors.append(_worst_error(each[:, : len(command)], command))
-    return errors
+    if compiled_law() is not None:
+        return [friction_off_error(*one) for one in zip(motions, command_positions, frictions, strict=True)]
+    equal: dict[int, list[int]] = defaultdict(list)
+    for index, motion in enumerate(motions):
+        equal[len(motion.acceleration)].append(index)
+    errors: dict[int, float] = {}
+    for samples, indices in equal.items():
+        many = max(1, MOST_SAMPLES // samples)
+        for first in range(0, len(indices), many):
+            part = indices[first : first + many]
+            positions = slide_positions_batch(
+                np.stack([motions[index].sliding[0] for index in part]),
+                np.stack([motions[index].acceleration[:-1] for index in part]),
+                [frictions[index].corners(FRICTION_OFF) for index in part],
+            )
+            for index, each in zip(part, positions, strict=True):
+                command = command_positions[index]
+                errors[index] = _worst_error(each[:, : len(command)], command)
+    return [errors[index] for index in range(len(motions))]
 
 
 def _worst_error(positions: FloatArray, command_position: FloatArray) -> float:

@@ -9,14 +9,17 @@ import numpy as np
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle
 from runtime.network.job import Job
+from runtime.network.lockstep import Lockstep
 from runtime.network.reader import Reader, groups_of
-from runtime.physics.law import slide
+from runtime.network.taps import compiled_taps
+from runtime.physics.compiled import compiler
+from runtime.physics.law import compiled_law, slide
 from runtime.physics.motion import Motion
-from runtime.safety.governor import govern
+from runtime.safety.governor import compiled_governor, govern
 from runtime.safety.pan import Pan
 
 
-def decode(bundle: Bundle, jobs: Sequence[Job]) -> tuple[Motion, list[Pan]]:
+def decode(bundle: Bundle, jobs: Sequence[Job]) -> tuple[Motion, Sequence[Pan]]:
     """Decode B commands of one group (`group_of`), of n chunks, into the motions of their nC samples.
 
     The encoder reads a window of the commands, all of it unless they are long. Then, chunk by chunk, the decoder
@@ -33,7 +36,7 @@ def decode(bundle: Bundle, jobs: Sequence[Job]) -> tuple[Motion, list[Pan]]:
     """
     frictions = [job.friction for job in jobs]
     samples = max(len(job.command) for job in jobs)
-    pans = [Pan.at_start(job.start, job.limits) for job in jobs]
+    pans: Sequence[Pan] = [Pan.at_start(job.start, job.limits) for job in jobs]
     pan = np.stack([job.start.pan_state() for job in jobs])[:, None]
     sliding = np.stack([job.start.object_state(job.command.position[0]) for job in jobs])[:, None]
     last = np.array([job.start.pan_acceleration for job in jobs])
@@ -63,9 +66,28 @@ def decode_all(bundle: Bundle, jobs: Sequence[Job]) -> list[tuple[Motion, Pan]]:
     Raises:
         InputError, BundleError: as `decode`.
     """
+    lockstep = _lockstep  # which another thread may replace
+    if lockstep is not None:
+        return lockstep.decode(bundle, jobs)
     found: dict[int, tuple[Motion, Pan]] = {}
     for indices in groups_of(jobs):
         motions, pans = decode(bundle, [jobs[index] for index in indices])
         for row, index in enumerate(indices):
             found[index] = motions.one(row), pans[row]
     return [found[index] for index in range(len(jobs))]
+
+
+def run_compiled(use: bool) -> None:
+    """Let numba run the loop of `decode_all` from now on, in all of this process, or no longer.
+
+    It does where it runs law, governor and taps already.
+    """
+    global _lockstep
+    compile_one, parts = compiler() if use else None, (compiled_law(), compiled_governor(), compiled_taps())
+    if compile_one is None or None in parts:
+        _lockstep = None
+        return
+    _lockstep = Lockstep(compile_one, {name: each for part in parts if part for name, each in part.functions.items()})
+
+
+_lockstep: Lockstep | None = None

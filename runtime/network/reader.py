@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Hashable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.documents.checks import FloatArray
 from runtime.errors import BundleError
 from runtime.limits import Limits
 from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.network.job import Job
+from runtime.network.taps import Taps, Told, answered, observe
 from runtime.network.units import (
     AHEAD,
     AHEAD_ROWS,
@@ -35,41 +35,11 @@ from runtime.network.units import (
     Units,
 )
 
-SEEN = 10 * len(SEEN_ROWS)
-"""Columns of an observation up to which there are states."""
+MOST_AT_ONCE = 48
+"""Most commands that are decoded together: what the network computes of more of them no longer fits in the caches."""
 
 MOST_REACH, MOST_ACCELERATION = 0.4, 40.0
 """Largest reach (m) and acceleration (m/s^2) that a pan is told to have."""
-
-
-class Instants(NamedTuple):
-    """Instants between milliseconds, n of them: the rows before them, and how far each is on the way to the next."""
-
-    before: NDArray[np.intp]
-    share: FloatArray
-
-    @classmethod
-    def of(cls, times: NDArray[np.floating[Any]], rows: int | None = None) -> Self:
-        """Return instants (n,) in milliseconds, between `rows` rows if so many are all there are."""
-        before = np.floor(times).astype(np.intp)
-        if rows is not None:
-            before = np.minimum(before, rows - 2)
-        return cls(before, (times - before)[:, None])
-
-    def of_rows(self, rows: FloatArray, now: int) -> FloatArray:
-        """Return rows (B, K, d) at these instants after row `now`, (B, n, d), by straight lines; all must be there."""
-        before = self.before + now
-        first = rows[:, before]
-        between: FloatArray = first + (rows[:, before + 1] - first) * self.share
-        return between
-
-    def shares(self, rows: int) -> FloatArray:
-        """Return what makes rows at these instants of the first `rows` rows, (n, rows): a product is quicker."""
-        shares = np.zeros((len(self.before), rows))
-        each = np.arange(len(self.before))
-        shares[each, self.before] = 1.0 - self.share[:, 0]
-        shares[each, self.before + 1] = self.share[:, 0]
-        return shares
 
 
 class Frame(NamedTuple):
@@ -81,11 +51,11 @@ class Frame(NamedTuple):
         samples: of the longest command, K.
         command: (B, n, 4) positions and velocities, and as much rest behind their ends as the network looks ahead.
         conditions: (B, CONDITIONS) what the network is told.
-        scale: (B, 1, 10) what states in SI are multiplied by.
-        acceleration: (B, 1, 1) m/s^2 a unit.
-        seen: (SEEN_ROWS, chunk) makes the rows that the decoder sees of the last states.
-        ahead: (AHEAD_ROWS, n) makes those of the command that it sees of the next n of its rows.
-        answer: (chunk, CHUNK + 1) makes accelerations of milliseconds of the last one and the network's.
+        scale: (B, 10) what states in SI are multiplied by.
+        acceleration: (B,) m/s^2 a unit.
+        seen: makes the rows that the decoder sees of the last states.
+        ahead: makes those that it sees of the command, from now on.
+        answer: makes accelerations of milliseconds of the last one and the network's.
     """
 
     step: float
@@ -95,9 +65,9 @@ class Frame(NamedTuple):
     conditions: Float32Array
     scale: FloatArray
     acceleration: FloatArray
-    seen: FloatArray
-    ahead: FloatArray
-    answer: FloatArray
+    seen: Taps
+    ahead: Taps
+    answer: Taps
 
     @classmethod
     def of(cls, jobs: Sequence[Job]) -> Self:
@@ -106,27 +76,39 @@ class Frame(NamedTuple):
         situation = situation_of(jobs, units)
         step = float(units.time[0])
         chunk = chunk_of(step)
-        length, velocity = (part[:, None, None] for part in (units.length, units.velocity))
+        length, velocity = (1.0 / part[:, None] for part in (units.length, units.velocity))
         samples = max(len(job.command) for job in jobs)
         command = np.zeros((len(jobs), samples + int(AHEAD * step) + 2, 4))
         for row, job in zip(command, jobs, strict=True):
             count = len(job.command)
             row[:count, :2], row[:count, 2:] = job.command.position, job.command.velocity
             row[count:, :2] = job.command.position[-1]
-        command *= np.concatenate([1.0 / length, 1.0 / length, 1.0 / velocity, 1.0 / velocity], axis=2)
-        scale = np.concatenate([1.0 / length] * 3 + [1.0 / velocity] * 3 + [1.0 / length] * 2 + [1.0 / velocity] * 2, 2)
+        command *= np.concatenate([length] * 2 + [velocity] * 2, axis=1)[:, None]
         return cls(
             step,
             chunk,
             samples,
             command,
             situation.conditions().astype(np.float32),
-            scale,
-            units.acceleration[:, None, None],
-            # Of samples much shorter than a millisecond, a chunk's rounding may cut off the first.
-            Instants.of(np.maximum(chunk - 1 + step * (np.array(SEEN_ROWS) - SEEN_ROWS[-1]), 0.0), chunk).shares(chunk),
-            Instants.of(step * np.array(AHEAD_ROWS)).shares(int(AHEAD * step) + 2),
-            milliseconds(step, chunk),
+            np.ascontiguousarray(np.concatenate([length] * 3 + [velocity] * 3 + [length] * 2 + [velocity] * 2, axis=1)),
+            units.acceleration,
+            *_taps(step, chunk),
+        )
+
+    def told(self, pan: FloatArray, sliding: FloatArray, last: FloatArray, now: int, elapsed: float) -> Told:
+        """Return what the decoder is told at sample `now`, of what `Reader.look` is given."""
+        return Told(
+            pan,
+            sliding,
+            last,
+            self.command,
+            min(now, self.samples),
+            self.seen,
+            self.ahead,
+            self.scale,
+            self.acceleration,
+            self.conditions,
+            min(1.0, elapsed),
         )
 
     def window(self, now: int) -> Float32Array:
@@ -134,7 +116,7 @@ class Frame(NamedTuple):
         left = -(-(self.samples - now) // (ENCODER_CHUNK * self.step))
         chunks = int(max(1, min(WINDOW, left)))
         rows = (ENCODER_CHUNK * np.arange(chunks)[:, None] + ENCODER_ROWS).ravel()
-        command = Instants.of(self.step * rows).of_rows(self.command, min(now, self.samples))
+        command = Taps.at(self.step * rows).of(self.command, min(now, self.samples))
         command[..., :2] -= command[:, :1, :2].copy()
         count = len(command)
         told = np.broadcast_to(self.conditions[:, None], (count, chunks, CONDITIONS))
@@ -191,27 +173,15 @@ class Reader(NamedTuple):
         Raises:
             BundleError: an acceleration is no finite number.
         """
-        frame, reader, count = self.frame, self, len(pan)
+        frame, reader = self.frame, self
         if self.next_read <= self.now < frame.samples:
             memory = self.bundle.encode(frame.window(self.now))
             reader = self._replace(next_read=frame.next_read(self.now), memory=memory)
-        now = min(self.now, frame.samples)
-        here = frame.command[:, now : now + 1, :2]
-        ahead = frame.ahead @ frame.command[:, now : now + frame.ahead.shape[1]]
-        ahead[..., :2] -= here
-        seen = frame.seen @ np.concatenate([pan, sliding], axis=2)
-        seen *= frame.scale
-        seen[..., 6:8] -= here
-        before = last[:, None] / frame.acceleration
-        observation = np.empty((count, OBSERVED), dtype=np.float32)
-        observation[:, :SEEN] = seen.reshape(count, -1)
-        observation[:, SEEN : SEEN + 3] = before[:, 0]
-        observation[:, SEEN + 3 : -CONDITIONS - 1] = ahead.reshape(count, -1)
-        observation[:, -CONDITIONS - 1 : -1] = frame.conditions
-        observation[:, -1] = min(1.0, self.elapsed)
-        answer, memory = reader.bundle.decode_step(observation, reader.memory)
-        u = (frame.answer @ np.concatenate([before, answer], axis=1)) * frame.acceleration
-        if not np.isfinite(u).all():
+        observation = np.empty((len(pan), OBSERVED), dtype=np.float32)
+        told = frame.told(pan, sliding, last, self.now, self.elapsed)
+        answer, memory = reader.bundle.decode_step(observe(told, observation), reader.memory)
+        u = answered(answer, last, frame.answer, frame.acceleration)
+        if u is None:
             name = self.bundle.manifest.name
             raise BundleError(f"the network of bundle {name!r} gave no finite number at sample {self.now}")
         return u, reader._replace(memory=memory, elapsed=0.0)
@@ -269,17 +239,28 @@ def chunk_samples(limits: Limits) -> int:
 
 
 def group_of(job: Job) -> Hashable:
-    """Return what jobs must have in common to be decoded together: as many questions, of equal length."""
-    step = time_of(job.limits, job.reach_used)
-    return step, -(-len(job.command) // chunk_of(step))
+    """Return what jobs must have in common to be decoded together: as many questions and readings, of equal length."""
+    step, samples = time_of(job.limits, job.reach_used), len(job.command)
+    read = -(-samples // (ENCODER_CHUNK * step))
+    return step, -(-samples // chunk_of(step)), read if read <= WINDOW else samples
 
 
 def groups_of(jobs: Sequence[Job]) -> list[list[int]]:
-    """Return the numbers of the jobs of each group."""
+    """Return the numbers of the jobs of each group, MOST_AT_ONCE of them at most."""
     groups: dict[Hashable, list[int]] = defaultdict(list)
     for index, job in enumerate(jobs):
         groups[group_of(job)].append(index)
-    return list(groups.values())
+    return [
+        group[first : first + MOST_AT_ONCE] for group in groups.values() for first in range(0, len(group), MOST_AT_ONCE)
+    ]
+
+
+@lru_cache(maxsize=256)
+def _taps(step: float, chunk: int) -> tuple[Taps, Taps, Taps]:
+    """Return the `seen`, `ahead` and `answer` of a `Frame`."""
+    # Of samples much shorter than a millisecond, a chunk's rounding may cut off the first.
+    seen = np.maximum(chunk - 1 + step * (np.array(SEEN_ROWS) - SEEN_ROWS[-1]), 0.0)
+    return Taps.at(seen, chunk), Taps.at(step * np.array(AHEAD_ROWS)), Taps.of_matrix(milliseconds(step, chunk))
 
 
 def milliseconds(step: float, count: int) -> FloatArray:

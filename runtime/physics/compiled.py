@@ -11,7 +11,7 @@ folder of its own.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import FunctionType
 from typing import Any
 
@@ -43,18 +43,21 @@ def check_compiler() -> None:
         import numba  # noqa: F401
 
 
-def compile_together(functions: Sequence[Any], compile_one: Compiler) -> dict[str, Any]:
+def compile_together(
+    functions: Sequence[Any], compile_one: Compiler, known: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Compile functions of which later ones may call earlier ones.
 
     Args:
         functions: plain ones of a module, with neither defaults nor closures.
         compile_one: compiles one.
+        known: compiled ones that they may call, by their names.
 
     Returns:
         The compiled functions by their names; they call each other, and their modules are left as they are.
     """
     compiled: dict[str, Any] = {}
     for function in functions:
-        known = {**function.__globals__, **compiled}
-        compiled[function.__name__] = compile_one(FunctionType(function.__code__, known, function.__name__))
+        names = {**function.__globals__, **(known or {}), **compiled}
+        compiled[function.__name__] = compile_one(FunctionType(function.__code__, names, function.__name__))
     return compiled

@@ -188,16 +188,50 @@ def slide_along(
             out[row, k, 0], out[row, k, 1], out[row, k, 2], out[row, k, 3] = px, py, vx, vy
 
 
+def add_squares(
+    state: FloatArray,
+    u: FloatArray,
+    command: FloatArray,
+    static: FloatArray,
+    kinetic: FloatArray,
+    gravity: float,
+    dt: float,
+    out: FloatArray,
+) -> None:
+    """Fill `out` (F,) with the sums of the squared distances between object and command, to be compiled.
+
+    The rest is as for `CompiledLaw.squares`.
+    """
+    lifts = u.shape[1] == 3
+    for row in range(len(out)):
+        px, py, vx, vy = state[0], state[1], state[2], state[3]
+        total = 0.0
+        for k in range(len(command)):
+            dx, dy = px - command[k, 0], py - command[k, 1]
+            total += dx * dx + dy * dy
+            if k + 1 < len(command):
+                normal = gravity + u[k, 2] if lifts else gravity
+                px, py, vx, vy = slide_step(
+                    px, py, vx, vy, u[k, 0], u[k, 1], static[row] * normal, kinetic[row] * normal, dt
+                )
+        out[row] = total
+
+
 class CompiledLaw:
     """The law as numba runs it: `slide_one` of many objects, to the last bit.
 
     Args:
         compile_one: compiles a function.
+
+    Attributes:
+        functions: what it is made of, compiled, by name.
     """
 
     def __init__(self, compile_one: Compiler) -> None:
-        self._along = compile_together((slide_step, slide_along), compile_one)["slide_along"]
+        self.functions = compile_together((slide_step, slide_along, add_squares), compile_one)
+        self._along, self._add_squares = self.functions["slide_along"], self.functions["add_squares"]
         self.slide(np.zeros((1, 4)), np.zeros((1, 1, 2)), np.ones(1), np.ones(1))  # compiles
+        self.squares(np.zeros(4), np.zeros((1, 3)), np.zeros((2, 2)), [Friction()])
 
     def slide(
         self, states: FloatArray, acceleration: FloatArray, static: FloatArray, kinetic: FloatArray, dt: float = DT
@@ -221,6 +255,28 @@ class CompiledLaw:
         states, u = (np.ascontiguousarray(each, dtype=np.float64) for each in (states, acceleration))
         out = np.empty((len(states), u.shape[1], 4))
         self._along(states, u, static, kinetic, GRAVITY, dt, out)
+        return out
+
+    def squares(
+        self, state: FloatArray, acceleration: FloatArray, command: FloatArray, frictions: Sequence[Friction]
+    ) -> FloatArray:
+        """Slide an object along pan accelerations under F frictions, and add up its squared distances to the command.
+
+        Args:
+            state: (4,) object position (m) and velocity (m/s) relative to the pan before the first sample.
+            acceleration: (n, 2) or (n, 3) of the pan (m/s^2), of which it stays in contact; n at least K - 1.
+            command: (K, 2) where the object should be before each sample (m).
+            frictions: F of them.
+
+        Returns:
+            (F,) sums (m^2).
+        """
+        state, u = (np.ascontiguousarray(each, dtype=np.float64) for each in (state, acceleration))
+        command = np.ascontiguousarray(command, dtype=np.float64).view()
+        command.setflags(write=False)  # as a command's positions are: numba compiles for each kind
+        static, kinetic = np.array([(each.static, each.kinetic) for each in frictions]).T.copy()
+        out = np.empty(len(frictions))
+        self._add_squares(state, u, command, static, kinetic, GRAVITY, DT, out)
         return out
 
 

@@ -27,7 +27,7 @@ from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import Limits
 from runtime.physics.compiled import compile_together, compiler
-from runtime.physics.law import DT, GRAVITY, slide, slide_one
+from runtime.physics.law import DT, GRAVITY, compiled_law, slide, slide_one
 from runtime.physics.motion import Motion, lengths
 from runtime.physics.pan import IN_PLANE, integrate_pan
 from runtime.refine.gauss_newton import BLOCK, FUNCTIONS, Column, move, row_size, state_size, sweep
@@ -336,7 +336,8 @@ def _can_stop(end: PanState, limits: Limits, braking: float) -> bool:
 
 def _governed(u: FloatArray, pan: Pan, sliding: FloatArray, friction: Friction, chunk: int) -> tuple[Motion, Pan]:
     """Let the governor go over accelerations, `chunk` samples at a time."""
-    pans, states, accelerations = [pan], [np.array([pan.state[:6]])], []
+    pans: Sequence[Pan] = [pan]
+    states, accelerations = [np.array([pan.state[:6]])], []
     for first in range(0, len(u), chunk):
         acceleration, moved, pans = govern(pans, u[None, first : first + chunk])
         accelerations.append(acceleration[0])
@@ -368,7 +369,9 @@ def robust_error(u: FloatArray, sliding: FloatArray, command: FloatArray, fricti
         command: (K, 2) where it should be before each sample (m).
         frictions: as `expected` returns them.
     """
-    count = len(frictions)
+    count, compiled = len(frictions), compiled_law()
+    if compiled is not None:
+        return float(weights(count) @ compiled.squares(sliding, u, command, frictions)) / len(command)
     slid = slide(np.tile(sliding, (count, 1)), np.tile(u[:-1], (count, 1, 1)), frictions)
     errors = slid[..., :2] - command[1:]
     squared = np.sum(errors * errors, axis=(1, 2)) + np.sum((sliding[:2] - command[0]) ** 2)

@@ -6,8 +6,8 @@ same stop, to the last bit. Every other chunk is left to it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from runtime.safety.stop import (
     strongest,
     with_ramps,
 )
+from runtime.start import Start
 
 
 class Free(NamedTuple):
@@ -45,11 +46,74 @@ class Free(NamedTuple):
     brakes: FloatArray
     ramps: NDArray[np.int64]
 
-    def pan(self, row: int, u: FloatArray, limits: Limits) -> Pan:
-        """Return the pan after a chunk whose accelerations are u (C, 3)."""
-        state = PanState(*self.states[row, -1].tolist(), *u[-1].tolist())
-        brake = Brake(state[6:], tuple(self.brakes[row].tolist()), *self.ramps[row].tolist())
-        return Pan(state, brake, limits)
+    @classmethod
+    def of(cls, count: int, samples: int) -> Self:
+        """Return room for so many chunks of so many samples."""
+        rows, ramps = np.zeros(count, dtype=np.bool_), np.empty((count, 3), dtype=np.int64)
+        return cls(rows, np.empty((count, samples, 6)), np.empty((count, 3)), ramps)
+
+
+class Pans(Sequence[Pan]):
+    """B pans as numbers; each becomes a `Pan` when it is asked for.
+
+    Attributes:
+        limits: of each.
+        bounds: (B, 6) them as numbers, and whether they are finite.
+        states: (B, 9) position (m), velocity (m/s), acceleration of the sample before (m/s^2).
+        stops: (B, 3) braking accelerations (m/s^2) of their stops, and (B, 3) samples of the phases of these.
+        others: those that are no numbers, by their rows.
+    """
+
+    def __init__(
+        self,
+        limits: Sequence[Limits],
+        bounds: FloatArray,
+        states: FloatArray,
+        stops: tuple[FloatArray, NDArray[np.int64]],
+        others: Mapping[int, Pan],
+    ) -> None:
+        self.limits, self.bounds, self.states, self.stops, self.others = limits, bounds, states, stops, others
+
+    @classmethod
+    def of(cls, pans: Sequence[Pan]) -> Pans:
+        """Return pans with their numbers."""
+        if isinstance(pans, Pans):
+            return pans
+        limits = [pan.limits for pan in pans]
+        bounds = [
+            (each.pan_reach, each.height, each.speed, each.acceleration, each.jerk, each.finite) for each in limits
+        ]
+        none = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+        states = np.array([pan.state for pan in pans])
+        return cls(limits, np.array(bounds, dtype=np.float64), states, none, dict(enumerate(pans)))
+
+    def after(self, u: FloatArray, free: Free, others: Mapping[int, Pan]) -> Pans:
+        """Return the pans after a chunk (B, C, 3): of those that are free, and the others by their rows."""
+        states = np.concatenate([free.states[:, -1], u[:, -1]], axis=1)
+        return Pans(self.limits, self.bounds, states, (free.brakes, free.ramps), others)
+
+    def __len__(self) -> int:
+        return len(self.limits)
+
+    @overload
+    def __getitem__(self, index: int) -> Pan: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Pan]: ...
+    def __getitem__(self, index: int | slice) -> Pan | list[Pan]:
+        if isinstance(index, slice):
+            return [self[row] for row in range(len(self))[index]]
+        row = range(len(self))[index]
+        if row in self.others:
+            return self.others[row]
+        state = PanState(*self.states[row].tolist())
+        brakes, ramps = self.stops
+        brake = Brake(state[6:], tuple(brakes[row].tolist()), *ramps[row].tolist())
+        return Pan(state, brake, self.limits[row])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and list(self) == list(other)
+
+    __hash__ = None  # type: ignore[assignment]  # as a list
 
 
 class FreeChunks:
@@ -57,33 +121,20 @@ class FreeChunks:
 
     Args:
         compile_one: compiles a function.
+
+    Attributes:
+        functions: what it is made of, compiled, by name.
     """
 
     def __init__(self, compile_one: Compiler) -> None:
-        parts = (size, strongest, with_ramps, change, quickest, phase, squared_extent, keep_limits)
-        self._keep = compile_together(parts, compile_one)["keep_limits"]
-        self.find(np.zeros((1, 9)), np.zeros((1, 2, 3)), [Limits()])  # compiles
+        self.functions = compile_together(KEEP_LIMITS, compile_one)
+        self._keep = self.functions["keep_limits"]
+        self.find(Pans.of([Pan.at_start(Start(), Limits())]), np.zeros((1, 2, 3)))  # compiles
 
-    def find(self, before: FloatArray, u: FloatArray, limits: Sequence[Limits]) -> Free:
-        """Look at B chunks.
-
-        Args:
-            before: (B, 9) pans before them: position (m), velocity (m/s), acceleration (m/s^2).
-            u: (B, C, 3) accelerations that are asked for (m/s^2).
-            limits: of each pan.
-        """
-        bounds = np.array(
-            [(each.pan_reach, each.height, each.speed, each.acceleration, each.jerk, each.finite) for each in limits],
-            dtype=np.float64,
-        )
-        count, samples, _ = u.shape
-        free = Free(
-            np.zeros(count, dtype=np.bool_),
-            np.empty((count, samples, 6)),
-            np.empty((count, 3)),
-            np.empty((count, 3), dtype=np.int64),
-        )
-        self._keep(before, np.ascontiguousarray(u, dtype=np.float64), bounds, *free)
+    def find(self, pans: Pans, u: FloatArray) -> Free:
+        """Look at the chunks of B pans, (B, C, 3) accelerations that are asked for (m/s^2)."""
+        free = Free.of(*u.shape[:2])
+        self._keep(pans.states, np.ascontiguousarray(u, dtype=np.float64), pans.bounds, *free)
         return free
 
 
@@ -148,3 +199,7 @@ def keep_limits(
             w = brake.w
             brakes[row, 0], brakes[row, 1], brakes[row, 2] = w[0], w[1], w[2]
             ramps[row, 0], ramps[row, 1], ramps[row, 2] = brake.ramp_in, brake.hold, brake.ramp_out
+
+
+KEEP_LIMITS = (size, strongest, with_ramps, change, quickest, phase, squared_extent, keep_limits)
+"""`keep_limits`, after what it is made of, to be compiled."""

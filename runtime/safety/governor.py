@@ -30,7 +30,7 @@ from runtime.limits import LARGEST_SINK, Limits
 from runtime.physics.compiled import compiler
 from runtime.physics.law import DT
 from runtime.physics.pan import integrate_pan
-from runtime.safety.free import FreeChunks
+from runtime.safety.free import FreeChunks, Pans
 from runtime.safety.pan import Pan, state_after
 from runtime.safety.stop import PanState
 
@@ -41,7 +41,7 @@ DETOURS = (5, 10, 20, 40)
 """Numbers of samples of the stop that are tried before what was asked for."""
 
 
-def govern(pans: Sequence[Pan], asked: FloatArray) -> tuple[FloatArray, FloatArray, list[Pan]]:
+def govern(pans: Sequence[Pan], asked: FloatArray) -> tuple[FloatArray, FloatArray, Sequence[Pan]]:
     """Let B pans do what is asked for as far as their limits allow; see the module for the steps.
 
     Args:
@@ -52,19 +52,19 @@ def govern(pans: Sequence[Pan], asked: FloatArray) -> tuple[FloatArray, FloatArr
         (B, C, 3) accelerations within the limits (m/s^2), (B, C, 6) pan position (m) and velocity (m/s) after each
         sample, and the pans after the chunk.
     """
-    before, limits = np.array([pan.state for pan in pans]), [pan.limits for pan in pans]
     free_chunks = _free_chunks  # which another thread may replace
     if free_chunks is None:
-        return _govern(pans, before, limits, asked)
-    free = free_chunks.find(before, asked, limits)
+        return govern_each(pans, np.array([pan.state for pan in pans]), [pan.limits for pan in pans], asked)
+    pans = Pans.of(pans)
+    free = free_chunks.find(pans, asked)
     if free.rows.all():
-        return asked, free.states, [free.pan(row, asked[row], each) for row, each in enumerate(limits)]
+        return asked, free.states, pans.after(asked, free, {})
     held = np.flatnonzero(~free.rows).tolist()
-    some = _govern([pans[row] for row in held], before[held], [limits[row] for row in held], asked[held])
+    limits = [pans.limits[row] for row in held]
+    some = govern_each([pans[row] for row in held], pans.states[held], limits, asked[held])
     u, states = asked.copy(), free.states
     u[held], states[held] = some[:2]
-    after = dict(zip(held, some[2], strict=True))
-    return u, states, [after.get(row) or free.pan(row, u[row], each) for row, each in enumerate(limits)]
+    return u, states, pans.after(u, free, dict(zip(held, some[2], strict=True)))
 
 
 def run_compiled(use: bool) -> None:
@@ -77,10 +77,15 @@ def run_compiled(use: bool) -> None:
 _free_chunks: FreeChunks | None = None
 
 
-def _govern(
+def compiled_governor() -> FreeChunks | None:
+    """Return what numba runs of the governor, None where it runs nothing."""
+    return _free_chunks
+
+
+def govern_each(
     pans: Sequence[Pan], before: FloatArray, limits: Sequence[Limits], asked: FloatArray
 ) -> tuple[FloatArray, FloatArray, list[Pan]]:
-    """Do what `govern` does; `before` are the pans' states (B, 9), `limits` theirs."""
+    """Do what `govern` does, in plain numpy; `before` are the pans' states (B, 9), `limits` theirs."""
     u = follow(before[:, 6:], _level(asked, pans), limits)
     states = integrate_pan(before[:, :6], u)
     farthest = np.sqrt(_squares(states[..., :2]).max(axis=1)).tolist()
