@@ -7,6 +7,7 @@ import { ArmCard } from "./arm_card.js";
 import { Closing } from "./closing.js";
 import { Controls } from "./controls.js";
 import { EXAMPLES } from "./examples.js";
+import { later, withNextFrame } from "./frames.js";
 import { OwnStream } from "./own_stream.js";
 import { DT, commandAlong, commandDocument, keepWithin, lengthOf } from "./path.js";
 import { listenToPen } from "./pen.js";
@@ -22,7 +23,7 @@ let mostReach = () => REACH, mostBytes;
 
 const redraw = element("button", { id: "redraw", type: "button", className: "plain", textContent: "Draw again" });
 const closing = new Closing();
-const viewer = new Viewer({ beside: [...closing.parts, redraw], idle: showDraft, onShow: showBeside });
+const viewer = new Viewer({ beside: [...closing.parts, redraw], idle: showDraft, onShow: showBeside, later });
 const armCard = new ArmCard();
 const planning = new Planning();
 const controls = new Controls(change);
@@ -33,7 +34,7 @@ const history = new History();
  * `planned` is the last answer: {asked, body, text, plan, motion, told}.
  */
 const draft = { drawn: EXAMPLES[1].points, given: null, down: false, pen: null, command: null };
-let planned = null, settling = 0;
+let planned = null, settling = 0, made = {};
 
 const pen = listenToPen(viewer.stage, {
   mayDraw: () => !viewer.plays,
@@ -46,17 +47,20 @@ const pen = listenToPen(viewer.stage, {
   show: (points, { down, pen: at }) => {
     const lifted = draft.down && !down;
     Object.assign(draft, { drawn: points, given: null, down, pen: at });
-    if (down) requestAnimationFrame(() => draft.down && showDraft());
+    if (down) drawSoon();
     if (down && !draft.command) return;
     if (!lifted) planning.stop();
     markExample(null);
     update();
   },
   ends: () => {
-    remember();
     if (draft.command) plan();
+    const { drawn, given } = draft;
+    setTimeout(() => remember({ drawn, given }));  // the server plans meanwhile
   },
 });
+
+const drawSoon = withNextFrame(() => draft.down && showDraft());
 
 /** The friction and the limits, as a server is told them. */
 const optionsNow = () => ({ friction: controls.friction, ...(controls.limited && { limits: controls.limits }) });
@@ -65,14 +69,22 @@ const optionsNow = () => ({ friction: controls.friction, ...(controls.limited &&
 function requestNow() {
   const { command, given } = draft;
   if (!command) return null;
-  const exact = given ? { dt: DT, position: command.positions } : commandDocument(command.positions);
-  return { command: exact, ...optionsNow() };
+  command.document ??= given ? { dt: DT, position: command.positions } : commandDocument(command.positions);
+  return { command: command.document, ...optionsNow() };
+}
+
+/** The command of what is drawn; null if that is too short. */
+function drawnCommand() {
+  const { drawn } = draft, { speed } = controls, reach = mostReach(), { length } = drawn;
+  if (made.drawn !== drawn || made.length !== length || made.speed !== speed || made.reach !== reach) {
+    made = { drawn, length, speed, reach, command: commandAlong(drawn, { speed, reach }) };
+  }
+  return made.command;
 }
 
 /** Work out the command again, and show it. */
 function update() {
-  const { speed } = controls;
-  draft.command = draft.down ? null : draft.given ?? commandAlong(draft.drawn, { speed, reach: mostReach() });
+  draft.command = draft.down ? null : draft.given ?? drawnCommand();
   controls.show();
   armCard.suggest(controls.arm);
   $("plan").setAttribute("aria-disabled", String(!draft.command));
@@ -91,8 +103,9 @@ function summary() {
   const { command, down, drawn } = draft;
   if (down) return "";
   if (!command) return drawn.length ? "Too short a path: draw on." : "Draw a path on the pan, or take an example.";
-  const duration = (command.positions.length - 1) * DT;
-  const parts = [`${number(command.length * 100, 0)} cm in ${number(duration, 2)} s.`];
+  const { rest = 0 } = command, duration = (command.positions.length - 1 - rest) * DT;
+  const still = rest ? `, and ${number(rest * DT, 1)} s at rest` : "";
+  const parts = [`${number(command.length * 100, 0)} cm in ${number(duration, 2)} s${still}.`];
   if (viewer.plays) parts.push(isStale() ? "Not planned yet." : planned.told);
   if (command.shrunk < 1) {
     parts.push(`Shrunk to ${number(command.shrunk * 100, 0)} %, to stay within ${mm(mostReach())} mm of its start.`);
@@ -144,14 +157,14 @@ function drawAgain() {
   pen.lift();
   draft.pen = null;
   turnTo(null);
-  for (const id of ["quality", "plots"]) $(id).hidden = true;  // they are of what lay here before
+  $("quality").hidden = true;  // it is of what lay here before
   armCard.show(null, 0);
   update();
 }
 
 /** Keep what is on the pan: in the history, and in the address, so that it survives a reload. */
-function remember() {
-  if (draft.drawn.length > 1) history.add({ drawn: draft.drawn, given: draft.given });
+function remember(drawing) {
+  if (drawing.drawn.length > 1) history.add(drawing);
   keepInAddress();
   update();
 }
@@ -211,7 +224,7 @@ function show({ body, text, plan: document, motion, took, better, positions, opt
   planned.told = toldOf(took, motion.quality, better);
   const paused = before && !before.playing ? before.t : null;
   $("how").hidden = true;
-  for (const id of ["quality", "plots"]) $(id).hidden = false;
+  $("quality").hidden = false;
   for (const part of [$("copy"), $("curl").parentElement]) part.hidden = body === null;
   if (body) $("curl").textContent = curlOf(body, $("token").value !== "");
   turnTo(motion);
@@ -220,8 +233,8 @@ function show({ body, text, plan: document, motion, took, better, positions, opt
     viewer.player.seek(paused);
     return;
   }
-  if (!before) $("stage-card").scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
   viewer.begin();
+  if (!before) later(() => $("stage-card").scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" }));
 }
 
 /** What is said of a plan: the time it took, and what it is better in than the one `before` it, if there was one. */
@@ -347,7 +360,10 @@ function listen() {
   });
   $("download").addEventListener("click", () => saveFile("plan.json", planned.text, "application/json"));
   $("csv").addEventListener("click", () => saveFile("plan.csv", csvOf(planned.plan), "text/csv"));
-  $("drawing").addEventListener("click", () => saveFile("plots.svg", plotsAsSvg($("plots")), "image/svg+xml"));
+  $("drawing").addEventListener("click", () => {
+    viewer.drawAll();
+    saveFile("plots.svg", plotsAsSvg($("plots")), "image/svg+xml");
+  });
   $("film").addEventListener("click", saveFilm);
   $("copy").addEventListener("click", () => copy($("curl").textContent, $("curl")));
 }

@@ -3,7 +3,9 @@
  *
  * A hand trembles, turns on the spot and starts at full speed; an object that friction alone moves can do none of it.
  * So the path is smoothed along its length, shrunk about its middle until it fits the model's reach, and run along at
- * the chosen speed, slower in bends, from rest to rest. Points are [x, y] in metres, x to the right, y up.
+ * the chosen speed, slower in bends, from rest to rest. At its end it stays for a moment, in which the pan comes to
+ * rest, too: else, after a fast path, it would be far out, and carry the object away. Points are [x, y] in metres, x to
+ * the right, y up.
  *
  * The law of time is that of `runtime/commands/path.py`; a test holds the two together.
  */
@@ -17,6 +19,7 @@ const SHORTEST = 0.01;  // m: a shorter path is a slip of the hand
 const BEND = 8 / 3;  // m/s^2 across the path: the speed in a bend of radius r is at most sqrt(BEND r)
 const PULL = 2;  // m/s^2 along the path
 const EASE = 30;  // samples over which an acceleration sets in
+const REST = 200;  // samples at the end of a command
 
 const distance = ([ax, ay], [bx, by]) => Math.hypot(ax - bx, ay - by);
 const between = ([ax, ay], [bx, by], share) => [ax + (bx - ax) * share, ay + (by - ay) * share];
@@ -127,8 +130,9 @@ function ease(positions, width) {
  * @param points  [[x, y], ...] as drawn (m)
  * @param speed  highest speed along the path (m/s)
  * @param reach  farthest that a command may go from its start (m)
- * @returns null if the path is too short to be meant; otherwise {positions, length, shrunk}: positions every
- *   millisecond, a whole number of SENT_EVERY steps; the length of the path (m); the factor that made it fit
+ * @returns null if the path is too short to be meant; otherwise {positions, length, rest, shrunk}: positions every
+ *   millisecond, a whole number of SENT_EVERY steps; the length of the path (m); the samples at its end that stay
+ *   there; the factor that made it fit
  */
 export function commandAlong(points, { speed, reach }) {
   if (points.length < 2 || lengthOf(points) < SHORTEST) return null;
@@ -139,8 +143,8 @@ export function commandAlong(points, { speed, reach }) {
   path = resample(path.map((point) => between(middle, point, shrunk)), SPACING);
   let positions = ease(ease(runAlong(path, speedsAlong(path, speed)), EASE), EASE);
   const missing = (SENT_EVERY - (positions.length - 1) % SENT_EVERY) % SENT_EVERY;
-  positions = positions.concat(Array(missing).fill(positions.at(-1)));
-  return { positions, length: lengthOf(path), shrunk };
+  positions = positions.concat(Array(missing + REST).fill(positions.at(-1)));
+  return { positions, length: lengthOf(path), rest: REST, shrunk };
 }
 
 /** The command as the body of a request carries it: every tenth sample, to the micrometre. */

@@ -1,6 +1,7 @@
 /** Asking for plans: one that is there at once, then the best that the server has time for. */
 
 import { requestPlan } from "./api.js";
+import { moved } from "./frames.js";
 import { DT } from "./path.js";
 import { motionOf } from "./viewer/motion.js";
 
@@ -58,6 +59,8 @@ export class Planning {
       }
       const first = await ask({});
       yield { ...first, better: null };
+      await moved();
+      if (stopping.signal.aborted) return;
       const second = await this.#best(ask, first.motion);
       if (second) yield { ...second, better: first.motion.quality };
     } finally {

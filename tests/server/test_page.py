@@ -47,7 +47,7 @@ def test_a_path_drawn_with_the_mouse_is_planned_and_played(page_server: Any, ope
         draw(page)
     settle(page)
     assert pixels(page) != before
-    assert re.match(r"\d+ cm in \d\.\d\d s\. Planned", page.inner_text("#summary"))
+    assert re.match(r"\d+ cm in \d\.\d\d s, and 0\.2 s at rest\. Planned", page.inner_text("#summary"))
     asked = request.value.post_data_json
     assert Command.from_dict(asked["command"]).reach > 0.05
     assert asked["friction"] == {"static": 1, "kinetic": 0.5}
@@ -58,7 +58,7 @@ def test_a_path_drawn_with_the_mouse_is_planned_and_played(page_server: Any, ope
         seek(page, share * end)
         states.add(page.inner_text("#chip"))
     assert states == {"sticks", "slides"}
-    assert page.locator("#plots svg[role=img]").count() == 6
+    expect(page.locator("#plots svg[role=img]")).to_have_count(6)
 
     seek(page, 0.0)
     still = pixels(page)
@@ -141,8 +141,9 @@ def test_the_page_runs_along_a_path_as_python_does(page_server: Any, open_page: 
                 [points.tolist(), speed],
             )
             made, _ = run_along(points, speed, corner=0.006)
-            assert 0 <= len(drawn) - len(made) < 10  # the page sends every tenth, and fills up
+            assert 0 <= len(drawn) - len(made) - 200 < 10  # the page sends every tenth, and fills up; then it rests
             np.testing.assert_allclose(drawn[: len(made)], made, rtol=0.0, atol=1e-9)
+            np.testing.assert_array_equal(drawn[-200:], [drawn[-1]] * 200)
 
 
 def test_everything_can_be_done_from_the_keyboard_and_the_focus_is_seen(

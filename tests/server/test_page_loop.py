@@ -53,7 +53,7 @@ def test_an_object_that_is_pushed_is_brought_back(page_server: Any, open_page: C
     assert error_of(page) < 10.0
     page.locator(".toggle:has(#closed)").click()
     expect(page.locator("#push")).to_be_hidden()
-    expect(page.locator("#end")).to_have_text("1.600 s")
+    expect(page.locator("#end")).to_have_text("1.800 s")
 
 
 def test_a_pointer_pulls_the_object(page_server: Any, open_page: Callable[..., Page]) -> None:

@@ -19,8 +19,18 @@ export function svg(attributes, content) {
 export const swatch = (kind) =>
   svg('viewBox="0 0 20 8" aria-hidden="true"', `<path class="curve ${kind}" d="M0 4H20"/>`);
 
+const formats = new Map();  // by their digits: to make one takes longer than all else that is written
+
+function formatOf(digits) {
+  const known = formats.get(digits);
+  if (known) return known;
+  const made = new Intl.NumberFormat("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  formats.set(digits, made);
+  return made;
+}
+
 export function number(value, digits = 1) {
-  const text = value.toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  const text = formatOf(digits).format(value);
   return text.replace(/^-(?=[0.]*$)/, "").replace("-", "\u2212").replace(/,/g, "\u202f");
 }
 

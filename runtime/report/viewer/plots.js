@@ -69,6 +69,7 @@ function plotsOf(motion) {
 
 export class Plots {
   #plots = [];
+  #left = [];  // that are still to be drawn
 
   /** @param parent  the element to plot in; @param player  whose time is shown, and moved by the pointer */
   constructor(parent, player) {
@@ -76,10 +77,21 @@ export class Plots {
     this.player = player;
   }
 
+  /** Take a motion, to be drawn plot by plot; or null, for none. */
   load(motion) {
     this.motion = motion;
     this.parent.replaceChildren();
-    this.#plots = plotsOf(motion).map((plot) => this.#add(plot));
+    this.#plots = [];
+    this.#left = motion ? plotsOf(motion) : [];
+  }
+
+  /** Draw the next plot; return whether more are left. */
+  drawNext() {
+    if (this.#left.length) {
+      this.#plots.push(this.#add(this.#left.shift()));
+      this.#draw(this.#plots.at(-1));
+    }
+    return this.#left.length > 0;
   }
 
   resize() {

@@ -9,18 +9,22 @@ import { Stage } from "./stage.js";
 
 export const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
+const atOnce = (work) => { while (work()); };
+
 /** Draws into the elements #stage, #chip, #transport, #verdict, #plots and, where there is one, #paths. */
 export class Viewer {
   /**
    * @param beside  more controls, beside the player's
    * @param idle  () draws the stage while no motion is loaded
    * @param onShow  (t) after a moment of the motion was shown
+   * @param later  (work) when plots are drawn: calls `work`, which draws one, until it returns false
    */
-  constructor({ beside = [], idle = () => {}, onShow = () => {} } = {}) {
+  constructor({ beside = [], idle = () => {}, onShow = () => {}, later = atOnce } = {}) {
     this.stage = new Stage($("stage"));
     this.player = new Player($("transport"), beside, () => this.show());
-    this.plots = [new Plots($("plots"), this.player), ...($("paths") ? [new Paths($("paths"))] : [])];
-    Object.assign(this, { idle, onShow });
+    this.plots = new Plots($("plots"), this.player);
+    this.paths = $("paths") && new Paths($("paths"));
+    Object.assign(this, { idle, onShow, later });
     addEventListener("resize", () => this.layOut());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layOut());
   }
@@ -34,13 +38,20 @@ export class Viewer {
     this.player.load(motion);
     if (motion) {
       this.stage.load(motion);
-      if (!beside) {
-        for (const plots of this.plots) plots.load(motion);
-        showQuality($("verdict"), motion);
-      }
       this.#fillLegend(motion);
     }
+    if (!beside) this.plots.load(motion);
+    if (!beside && motion) {
+      this.paths?.load(motion);
+      showQuality($("verdict"), motion);
+    }
     this.layOut();
+    if (!beside && motion) this.later(() => this.#drawNext());
+  }
+
+  /** Draw what plots are still to be drawn. */
+  drawAll() {
+    atOnce(() => this.#drawNext());
   }
 
   /** Play; or show a moment in the middle, to those who want no motion. */
@@ -49,9 +60,9 @@ export class Viewer {
   }
 
   show() {
-    const { motion, t, hover } = this.player, now = Math.min(t, motion.end);
+    const { motion, t } = this.player, now = Math.min(t, motion.end);
     this.stage.drawMotion(now, $("still").checked);
-    for (const plots of this.plots) plots.show(now, hover ?? now);
+    this.#showPlots();
     this.onShow(now);
   }
 
@@ -59,8 +70,19 @@ export class Viewer {
   layOut() {
     this.stage.resize();
     if (!this.plays) return this.idle();
-    for (const part of [this.player, ...this.plots]) part.resize();
+    for (const part of [this.player, this.plots, this.paths]) part?.resize();
     this.player.show();
+  }
+
+  #drawNext() {
+    const more = this.plots.drawNext();
+    if (this.plays) this.#showPlots();
+    return more;
+  }
+
+  #showPlots() {
+    const { motion, t, hover } = this.player, now = Math.min(t, motion.end);
+    for (const plots of [this.plots, this.paths]) plots?.show(now, hover ?? now);
   }
 
   #fillLegend({ tracks, reachLimit, lifts }) {
