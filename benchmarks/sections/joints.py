@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.harness.section import Measured, Section, Subject, at_least
-from benchmarks.harness.tables import targets_table
+from benchmarks.harness.tables import table
 from benchmarks.harness.targets import COUNT, MILLIMETRES, MILLISECONDS, TIMES, Target, Verdict
 from benchmarks.suite.families import spline
 from runtime.arm.results import Results
@@ -44,6 +44,18 @@ EIGHT = Path(__file__).parents[2] / "examples" / "figure_eight.csv"
 TRACKED = 3e-3
 """Distance between object and path that is to be reached, planned and executed (m)."""
 
+HEADER = (
+    "arm",
+    "friction",
+    "joints hold",
+    "slowed down, times",
+    "error planned (mm)",
+    "in MuJoCo (mm)",
+    "lost there",
+    "told too much",
+)
+"""Columns of the table."""
+
 DURATION = 1.2
 """Time for which that of the inverse kinematics is told (s)."""
 
@@ -73,6 +85,7 @@ class OnArm:
     """The commands on one arm.
 
     Attributes:
+        commands: how many there were.
         missed: how many of them its joints do not hold, or are not tracked within TRACKED.
         stretch: most that one of them is slowed down.
         tracking: mean tracking RMSE (m).
@@ -84,6 +97,7 @@ class OnArm:
         passed: in how many runs a joint was commanded more than its limits.
     """
 
+    commands: int
     missed: int
     stretch: float
     tracking: float
@@ -152,6 +166,7 @@ def _on_arm(name: str, planner: Planner, commands: Sequence[Command], executed: 
     runs = [_execute(each.plan, planner, model, place) for each in fitted[:executed]]
     errors = [each.plan.quality.tracking_rmse for each in fitted]
     return OnArm(
+        len(commands),
         sum(not _good(each) for each in fitted),
         max(each.stretch for each in fitted),
         float(np.mean(errors)),
@@ -184,8 +199,23 @@ def _good(fitted: Fitted) -> bool:
 
 
 def joints_tables(joints: Joints, verdicts: Sequence[Verdict]) -> list[Table]:
-    """Return the figures, beside their targets."""
-    return targets_table("Arms that people own", verdicts, {})
+    """Return a row for each arm, and what is asked for at most; `--page` writes it into the guide to arms."""
+    asked = ["asked for", "", "all", "2 or 4", MILLIMETRES.text(TRACKED), MILLIMETRES.text(TRACKED), "0", "0"]
+    return [table("Arms that people own", HEADER, [*(_row(name, arm) for name, arm in joints.arms.items()), asked])]
+
+
+def _row(name: str, arm: OnArm) -> list[str]:
+    friction = PLAIN if name in STRONG else SLIPPERY
+    return [
+        f"`{name}`",
+        f"{friction.static:g}/{friction.kinetic:g}",
+        f"{arm.commands - arm.missed} of {arm.commands}",
+        f"{arm.stretch:.2f}",
+        MILLIMETRES.text(arm.tracking),
+        MILLIMETRES.text(arm.executed),
+        str(arm.lost),
+        str(arm.passed),
+    ]
 
 
 SECTION = Section(

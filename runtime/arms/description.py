@@ -225,9 +225,10 @@ class ArmDescription:
 
     def __post_init__(self) -> None:
         if len(self.joints) < FEWEST_JOINTS:
+            joints = "1 joint" if len(self.joints) == 1 else f"{len(self.joints)} joints"
             raise InputError(
-                f"arm {self.name} has {len(self.joints)} joints between its base and its tip, at least "
-                f"{FEWEST_JOINTS} are needed to move a pan and keep it level"
+                f"arm {self.name} has {joints} between its base and its tip, at least {FEWEST_JOINTS} are needed to "
+                "move a pan and keep it level"
             )
         if len(self.joints) > MOST_JOINTS:
             raise InputError(

@@ -44,6 +44,9 @@ LEAST_MARGIN = 0.1
 """The same where the pan is farthest (rad): a path comes there in another posture than the shortest way does, the more
 so in closed loop."""
 
+SLIDING_MARGIN = 0.1
+"""Distance that a sliding joint keeps (m) over what a turning one keeps (rad)."""
+
 LEAST_SINGULAR = 0.05
 """Smallest singular value of the Jacobian at which a posture is taken (m or 1 per rad)."""
 
@@ -74,7 +77,7 @@ DAMPING = 1e-8
 LONGEST_STEP = 0.3
 """Longest Newton step (rad)."""
 
-CACHE_VERSION = 5
+CACHE_VERSION = 6
 """Changes when the search does: what was found before it is looked for again."""
 
 
@@ -214,7 +217,17 @@ def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArra
     """Return the best posture of random ones, the best of them made better step by step; the same each time."""
     arm, rng = model.arm, np.random.default_rng(0)
     lower, upper = arm.range
-    low, high = np.maximum(lower + RANGE_MARGIN, -math.pi), np.minimum(upper - RANGE_MARGIN, math.pi)
+    spare = np.array([SLIDING_MARGIN if joint.sliding else 1.0 for joint in arm.joints])
+    margin = RANGE_MARGIN * spare
+    for joint, width, needed in zip(arm.joints, (upper - lower).tolist(), (2.0 * margin).tolist(), strict=True):
+        if width < needed:
+            unit = "m" if joint.sliding else "rad"
+            raise InputError(
+                f"arm {arm.name}: the range of joint {joint.name} is {width:.3g} {unit} wide, and at least "
+                f"{needed:.2g} {unit} are needed: make it a fixed joint, or give a wider range"
+            )
+    low = np.maximum(lower + margin, np.minimum(-math.pi, upper - margin - math.tau))
+    high = np.minimum(upper - margin, np.maximum(math.pi, low + math.tau))
     target = None if at is None else np.array(at)
     if target is not None and np.linalg.norm(target) > _longest(arm):
         raise InputError(_nowhere(arm, at) + f", which is {_longest(arm):.2f} m long")
@@ -224,7 +237,7 @@ def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArra
         low[0] = high[0] = free[0] = 0.0  # turning the whole arm makes nothing easier
 
     def inside(q: FloatArray, margin: float) -> bool:
-        return bool(((lower + margin <= q) & (q <= upper - margin)).all())
+        return bool(((lower + margin * spare <= q) & (q <= upper - margin * spare)).all())
 
     def cost(q: FloatArray | None) -> float:
         if q is None or not inside(q, RANGE_MARGIN) or not model.clear(q, CLEARANCE):
@@ -273,7 +286,7 @@ def _search(model: ArmModel, at: tuple[float, float, float] | None) -> FloatArra
         raise InputError(f"{_nowhere(arm, at)} and move it {reach:g} m in any direction within its joints' ranges")
     if free[0] == 0.0:
         x, y, _ = model.pan(best)[0]
-        best[0] = np.clip(best[0] - math.atan2(y, x), lower[0] + RANGE_MARGIN, upper[0] - RANGE_MARGIN)
+        best[0] = np.clip(best[0] - math.atan2(y, x), lower[0] + margin[0], upper[0] - margin[0])
     return best
 
 

@@ -246,6 +246,11 @@ BAD_URDF = {
     "range is empty": (urdf().replace('lower="-2"', 'lower="2"', 1), None),
     "'nan' is no finite number": (urdf().replace('lower="-2"', 'lower="nan"', 1), None),
     "at least 6": (urdf(), "pc"),
+    "has 0 joints between its base and its tip": (urdf(), "base"),
+    "has 1 joint between its base and its tip": (urdf(), "pa"),
+    "two joints named p1": (urdf().replace('name="p2"', 'name="p1"'), None),
+    "not XML: no element found": (" \n", None),
+    "the file is empty": ("", None),
     "not XML": ("<robot", None),
     "a URDF's document is <robot>": ("<other/>", None),
 }  # fmt: skip
