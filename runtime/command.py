@@ -5,6 +5,7 @@ Positions are metres relative to the pan, 1 kHz. The object starts at the first 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from os import PathLike
@@ -24,6 +25,7 @@ from runtime.documents.checks import FloatArray
 from runtime.documents.files import reading as prefixed
 from runtime.errors import InputError
 from runtime.physics.law import DT
+from runtime.physics.motion import squares
 
 MAX_DEVIATION = 0.002
 """Deviation from the straight lines between waypoints of which nothing is said (m)."""
@@ -75,11 +77,11 @@ class Command:
         if len(position) > MAX_SAMPLES:
             message = f"position has {len(position)} samples at 1 kHz, at most {MAX_SAMPLES} are allowed"
             raise InputError(message, "position")
-        jumps = np.hypot(*np.diff(position, axis=0).T)
-        for row in np.flatnonzero(jumps > MAX_JUMP):
+        jumps = squares(np.diff(position, axis=0))
+        for row in np.flatnonzero(jumps > MAX_JUMP * MAX_JUMP):
             raise InputError(
-                f"position jumps by {jumps[row]:.4g} m from sample {row} to {row + 1} of the 1 kHz time line "
-                f"(t = {row * DT:.3f} s), at most {MAX_JUMP:g} m is allowed",
+                f"position jumps by {math.sqrt(jumps[row]):.4g} m from sample {row} to {row + 1} of the 1 kHz time "
+                f"line (t = {row * DT:.3f} s), at most {MAX_JUMP:g} m is allowed",
                 "position",
             )
         position.setflags(write=False)
@@ -107,12 +109,12 @@ class Command:
     @property
     def reach(self) -> float:
         """Largest distance from the first position (m)."""
-        return float(np.hypot(*(self.position - self.position[0]).T).max())
+        return math.sqrt(squares(self.position - self.position[0]).max())
 
     @property
     def speed(self) -> float:
         """Largest speed (m/s)."""
-        return float(np.hypot(*self.velocity.T).max())
+        return math.sqrt(squares(self.velocity).max())
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from runtime.network import decode, taps
 from runtime.physics import law
-from runtime.safety import governor
+from runtime.safety import governor, rest
 
 
 def compile_law(use: bool = True) -> bool:
@@ -19,5 +19,6 @@ def compile_law(use: bool = True) -> bool:
     governor.run_compiled(use)
     taps.run_compiled(use)
     used = law.run_compiled(use)
+    rest.run_compiled(use)
     decode.run_compiled(use)
     return used

@@ -12,7 +12,7 @@ from runtime.documents.checks import FloatArray
 from runtime.friction import Friction
 from runtime.limits import LARGEST_SINK, UNITS, Limits
 from runtime.physics.law import DT, GRAVITY, slide_one
-from runtime.physics.motion import Motion, lengths, tracking_error
+from runtime.physics.motion import Motion, squares, tracking_error
 from runtime.physics.positions import slide_to_rest
 from runtime.quality import Changes, FrictionRange, OffPan, Quality, Status
 from runtime.sizes import Sizes
@@ -81,14 +81,15 @@ def assess(
     u, asked, pan, sliding = motion
     pan, sliding = pan[:-1], sliding[:-1]
     rmse, farthest = tracking_error(sliding[:, :2], command_position)
-    along = {
-        "pan_reach": lengths(pan[:, :2]),
-        "height": np.abs(pan[:, 2]),
-        "speed": lengths(pan[:, 3:]),
-        "acceleration": lengths(u),
-        "jerk": lengths(u - np.concatenate([acceleration_before[None], u[:-1]])) / DT,
+    largest = {
+        "pan_reach": _largest(pan[:, :2]),
+        "height": _largest(pan[:, 2:3]),
+        "speed": _largest(pan[:, 3:]),
+        "acceleration": _largest(u),
+        "jerk": _largest(np.diff(u, axis=0, prepend=acceleration_before[None])),
     }
-    figures = {FIGURES[name]: float(values.max()) for name, values in along.items()}
+    figures = {FIGURES[name]: value for name, (value, _) in largest.items()}
+    figures[FIGURES["jerk"]] /= DT
     held = limits.to_dict()
     changes = _count_changes(u, asked, limits)
     changed = _changed(changes, len(u))
@@ -114,7 +115,7 @@ def assess(
         sliding_share=float(np.mean((sliding[:, 2] != 0.0) | (sliding[:, 3] != 0.0))),
         limits=held,
         margins={name: None if limit is None else limit - figures[FIGURES[name]] for name, limit in held.items()},
-        worst={name: int(values.argmax()) for name, values in along.items()},
+        worst={name: sample for name, (_, sample) in largest.items()},
         governed=changes,
         friction=tolerance,
         friction_off_rmse=friction_off_rmse,
@@ -124,6 +125,13 @@ def assess(
         status=status,
         notes=(*(line for lines in notes.values() for line in lines), *left_behind(rest), *remarks),
     )
+
+
+def _largest(vectors: FloatArray) -> tuple[float, int]:
+    """Return the largest length of vectors (n, d), and which has it."""
+    each = squares(vectors)
+    first = int(each.argmax())
+    return math.sqrt(each[first]), first
 
 
 def cannot_slide(friction: Friction, limits: Limits) -> list[str]:
@@ -174,9 +182,9 @@ def _missed(rmse: float, tolerance: FrictionRange | None) -> list[str]:
 
 def find_off_pan(position: FloatArray, sizes: Sizes) -> OffPan | None:
     """Return where an object at (K, 2) positions relative to the pan's centre (m) is over the rim, None if nowhere."""
-    beyond = lengths(position) - sizes.room
-    over = beyond > RIM_ROUNDING
-    return OffPan(int(over.argmax()), float(beyond.max())) if over.any() else None
+    farthest = squares(position)
+    over = farthest > (sizes.room + RIM_ROUNDING) ** 2
+    return OffPan(int(over.argmax()), math.sqrt(farthest.max()) - sizes.room) if over.any() else None
 
 
 def _over_rim(off_pan: Mapping[str, OffPan | None], sizes: Sizes) -> list[str]:
@@ -195,7 +203,7 @@ def _over_rim(off_pan: Mapping[str, OffPan | None], sizes: Sizes) -> list[str]:
 
 def _still_error(start: FloatArray, samples: int, command_position: FloatArray, friction: Friction) -> float:
     """Return the tracking RMSE (m) on a pan that never moves, of an object that starts at (4,)."""
-    position = np.broadcast_to(start[:2], (samples, 2))
+    position = start[None, :2]
     if start[2:].any():
         after = slide_one(start, np.zeros((samples - 1, 2)), friction)
         position = np.concatenate([start[None], after])[:, :2]
@@ -226,8 +234,8 @@ def left_behind(rest: float | None) -> list[str]:
 def _count_changes(u: FloatArray, asked: FloatArray, limits: Limits) -> Changes:
     if not limits.finite:
         return Changes(0, 0.0, 0.0)
-    change = lengths(u - asked)
-    change = change[change > CHANGED]
+    change = squares(u - asked)
+    change = np.sqrt(change[change > CHANGED * CHANGED])
     return Changes(len(change), float(change.mean()), float(change.max())) if len(change) else Changes(0, 0.0, 0.0)
 
 

@@ -13,7 +13,7 @@ from runtime.network.manifest import Manifest
 from runtime.network.reader import units_of_one
 from runtime.network.units import ACCELERATION
 from runtime.physics.law import DT, GRAVITY
-from runtime.physics.motion import lengths
+from runtime.physics.motion import squares
 
 SPAN = 20
 """Samples, of the network's time, over which a command's velocity is averaged, to tell its speed and its corners: noise
@@ -66,7 +66,7 @@ def asked_for(job: Job, fastest: float) -> dict[str, Asked]:
     step, velocity_unit = float(units.time[0]), float(units.velocity[0])
     span = max(1, round(SPAN * step))
     velocity = _mean_velocity(job.command.position, span)
-    turns = lengths(velocity[span:] - velocity[:-span])
+    turn = math.sqrt(squares(velocity[span:] - velocity[:-span]).max())
     push = friction.static * weight / (1.0 if limits.level else math.hypot(1.0, friction.static))
     return {
         "static": Asked(friction.static),
@@ -78,9 +78,9 @@ def asked_for(job: Job, fastest: float) -> dict[str, Asked]:
         "acceleration": Asked(limits.acceleration, "m/s^2"),
         "jerk": Asked(limits.jerk, "m/s^3"),
         "reach": Asked(job.command.reach, "m", limits.pan_reach),
-        "speed": Asked(float(lengths(velocity).max()), "m/s", velocity_unit),
+        "speed": Asked(math.sqrt(squares(velocity).max()), "m/s", velocity_unit),
         "start_speed": Asked(math.hypot(*job.start.pan_velocity), "m/s", velocity_unit),
-        "corner": Asked(float(turns.max()), "m/s", velocity_unit),
+        "corner": Asked(turn, "m/s", velocity_unit),
         "samples": Asked(len(job.command), "", step),
     }
 

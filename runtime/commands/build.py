@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from runtime.commands.smoothing import noise, smooth
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.physics.law import DT
+from runtime.physics.motion import squares
 
 NANOSECONDS_FROM = 1e17
 """Times beyond this are nanoseconds since 1970: in any other unit they lie beyond the year 3 million."""
@@ -138,14 +140,14 @@ def _sampled(t: FloatArray, position: FloatArray, points: Points, reading: Readi
         at = np.minimum(grid, duration)
         made = resample(elapsed, position, at)
         left = deviation(elapsed, position, at, made)
-    jumps = np.hypot(*np.diff(made, axis=0).T)
-    for sample in np.flatnonzero(jumps > MAX_JUMP)[:1]:
+    jumps = squares(np.diff(made, axis=0))
+    for sample in np.flatnonzero(jumps > MAX_JUMP * MAX_JUMP)[:1]:
         row = int(np.clip(np.searchsorted(elapsed, grid[sample] + 0.5 * DT) - 1, 0, len(t) - 2))
         distance = float(np.hypot(*(position[row + 1] - position[row])))
         ends = (f"waypoint {each}{points.place(each)} at {_digits(t[each])} s" for each in (row, row + 1))
         raise InputError(
-            f"position jumps by {distance:.4g} m from {' to '.join(ends)}: {jumps[sample] / DT:.4g} m/s, at most "
-            f"{MAX_JUMP / DT:g} m/s is allowed",
+            f"position jumps by {distance:.4g} m from {' to '.join(ends)}: {math.sqrt(jumps[sample]) / DT:.4g} m/s, at "
+            f"most {MAX_JUMP / DT:g} m/s is allowed",
             f"position[{row + 1}]",
         )
     seen = noise(elapsed, position) if reading.smooth is None else 0.0

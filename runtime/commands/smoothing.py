@@ -23,11 +23,13 @@ def noise(t: FloatArray, position: FloatArray) -> float:
         t: (n,) increasing times (s).
         position: (n, 2) (m).
     """
-    if len(t) < 12 or np.median(np.diff(t)) > 0.05:
+    if len(t) < 12:
         return 0.0
     second = np.diff(position, 2, axis=0)
     power = float(np.sum(second * second))
     if power == 0.0 or float(np.sum(second[1:] * second[:-1])) > ALTERNATING * power:
+        return 0.0
+    if np.median(np.diff(t)) > 0.05:
         return 0.0
     size = float(np.sqrt(np.mean(np.diff(second, axis=0) ** 2) / 20.0))  # 1 + 9 + 9 + 1
     return size if size > SEEN else 0.0

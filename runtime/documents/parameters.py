@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
 from runtime.documents import checks
@@ -18,7 +18,7 @@ class Parameters:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON document."""
-        return asdict(self)
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def from_dict(cls, document: object, where: str | None = None) -> Self:

@@ -9,7 +9,7 @@ import numpy as np
 from runtime.network.job import Job
 from runtime.network.reader import units_of_one
 from runtime.physics.law import DT
-from runtime.physics.motion import lengths
+from runtime.physics.motion import squares
 
 SPAN = 50
 """Samples over which a command's speed is averaged: noise of a tenth of a millimetre is no speed."""
@@ -26,7 +26,7 @@ def with_reach(job: Job) -> Job:
     """Return a job with the share of the reach that suits its command, of SHARES."""
     position = job.command.position
     before = np.concatenate([np.repeat(position[:1], SPAN, axis=0), position])
-    fastest = float(lengths(before[SPAN:] - before[:-SPAN]).max()) / (SPAN * DT)
+    fastest = math.sqrt(squares(before[SPAN:] - before[:-SPAN]).max()) / (SPAN * DT)
     unit = float(units_of_one(job.limits).velocity[0])
     wanted = PER_SPEED["level" if job.limits.level else "lifting"] * fastest / unit
     return job._replace(reach_used=nearest(wanted))
