@@ -18,7 +18,7 @@ from benchmarks.harness.load import Connection, get
 from benchmarks.serving.watched import LongestTurn
 from runtime.errors import SlideError
 
-PATIENCE = 120.0
+PATIENCE = 300.0
 """Longest wait for the server to be ready (s)."""
 
 PLANNING = "planning.worker"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hmac
 import ipaddress
 
@@ -13,6 +14,13 @@ from server.settings import Settings
 
 CLIENT = "slide.client"
 """Key of a request's scope: the name of who asks, see `client_of`."""
+
+
+SUBPROTOCOL = "slide-stream"
+"""Subprotocol of a stream, for those that name one: a page, which can send no header, names its token as another."""
+
+BEARER = "bearer."
+"""What the name of a token's subprotocol begins with; base64url of the token follows, without padding."""
 
 
 def check_host(scope: Scope, settings: Settings) -> None:
@@ -74,10 +82,8 @@ def client_of(scope: Scope, settings: Settings) -> str:
     address = scope["client"][0] if scope.get("client") else ""
     if not settings.needs_token:
         return network_of(address)
-    scheme, _, given = Headers(scope=scope).get("authorization", "").partition(" ")
-    found = ""
-    if scheme.lower() == "bearer":
-        data = given.strip(" ").encode()
+    data, found = _given_token(scope), ""
+    if data is not None:
         for name, token in settings.clients.items():
             if hmac.compare_digest(data, token.encode()):
                 found = name
@@ -86,6 +92,21 @@ def client_of(scope: Scope, settings: Settings) -> str:
     if not found:
         raise Problem("unauthorized", headers={"WWW-Authenticate": "Bearer"})
     return found
+
+
+def _given_token(scope: Scope) -> bytes | None:
+    """Return the token that a request carries: in its header, or, of a websocket, as a subprotocol."""
+    scheme, _, given = Headers(scope=scope).get("authorization", "").partition(" ")
+    if scheme.lower() == "bearer":
+        return given.strip(" ").encode()
+    for each in scope.get("subprotocols", ()):
+        if each.startswith(BEARER):
+            coded = each.removeprefix(BEARER)
+            try:
+                return base64.b64decode(coded + "=" * (-len(coded) % 4), altchars=b"-_", validate=True)
+            except ValueError:
+                return None
+    return None
 
 
 def network_of(address: str) -> str:

@@ -38,7 +38,7 @@ from runtime.client.messages import (
     unpack_step,
 )
 from runtime.documents.checks import FloatArray
-from server.http.doors import check_host, check_origin, client_of
+from server.http.doors import SUBPROTOCOL, check_host, check_origin, client_of
 from server.http.guard import REQUEST_HEADER, name_request
 from server.http.schemas import StepRequest, read, to_start
 from server.http.websocket import POLICY_VIOLATION
@@ -137,7 +137,8 @@ async def stream(socket: WebSocket) -> None:
             response.headers[REQUEST_HEADER] = request_id.get()
             await socket.send_denial_response(response)
             return
-        await socket.accept(headers=[(REQUEST_HEADER.lower().encode(), request_id.get().encode())])
+        subprotocol = SUBPROTOCOL if SUBPROTOCOL in socket.scope["subprotocols"] else None
+        await socket.accept(subprotocol, [(REQUEST_HEADER.lower().encode(), request_id.get().encode())])
         try:
             await Follower(socket, service, planner, reader, client).follow()
         except (Problem, InputError) as error:

@@ -105,12 +105,19 @@ export async function requestCommand(file, speed, token, most = Infinity) {
   return { positions: command.position, notes };
 }
 
-/** What the server says of itself, once it has started; or null: the page works without. */
-export async function requestInfo() {
+/**
+ * What the server says of itself, once it has started; or null: the page works without.
+ *
+ * @param token  of the server
+ * @param locked  () is called where it wants another token
+ */
+export async function requestInfo(token, locked) {
+  const headers = token ? { Authorization: `Bearer ${token}` } : {};
   try {
     for (let tries = 0; tries < STARTING; tries++) {
-      const response = await fetch("info");
+      const response = await fetch("info", { headers });
       if (response.ok) return await response.json();
+      if (response.status === 401) locked();
       if (response.status !== 503) break;
       await new Promise((resolve) => setTimeout(resolve, 1000));
     }

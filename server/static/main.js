@@ -211,7 +211,7 @@ async function plan() {
     for await (const answer of answers) show({ ...answer, positions, options }, whole);
   } catch (error) {
     if (error.name === "AbortError") return;
-    if (error.status === 401) $("token-row").hidden = false;
+    if (error.status === 401) askForToken();
     say(error.message);
   } finally {
     update();
@@ -248,9 +248,15 @@ function toldOf(took, quality, before) {
   return `Planned in ${after}.`;
 }
 
+/** Get to know who plans, from now on with the token that is given. */
+function getReady() {
+  planning.own = findPlanner();
+  return planning.own.catch((error) => say(error.message));
+}
+
 /** Find out who plans: the page's own planner where no server answers, null where one does. */
 async function findPlanner() {
-  const info = await requestInfo();
+  const info = await requestInfo($("token").value, askForToken);
   const own = info ? null : await localPlanner(say);
   planning.mayAsk(info?.settings);
   mostBytes = info?.settings.max_body;
@@ -263,10 +269,15 @@ async function findPlanner() {
   return own;
 }
 
-/** What opens a stream for the closed loop; null if nothing does: a page can show no token when it opens a server's. */
+/** What opens a stream for the closed loop; null if nothing does. */
 function streamsOf(info, own) {
   if (own) return (request) => new OwnStream(own, request);
-  return info && !info.settings.token_needed ? (request) => new Stream(request) : null;
+  return info ? (request) => new Stream(request, $("token").value) : null;
+}
+
+/** A server that wants a token says nothing of itself before it is given. */
+function askForToken() {
+  $("token-row").hidden = false;
 }
 
 /** Where there is more to read, as far as whoever runs this says so; addresses come from the server. */
@@ -305,7 +316,7 @@ async function openFile() {
     history.add(drawing);
     take(drawing);
   } catch (error) {
-    if (error.status === 401) $("token-row").hidden = false;
+    if (error.status === 401) askForToken();
     say(error.message);
   }
 }
@@ -353,6 +364,7 @@ function listen() {
     $("stage").focus();
   });
   $("file").addEventListener("change", openFile);
+  $("token").addEventListener("change", getReady);
   $("share").addEventListener("click", () => {
     keepInAddress();
     $("link").textContent = location.href;
@@ -379,8 +391,7 @@ function start() {
   }
   history.add({ drawn: draft.drawn, given: null });
   update();
-  planning.own = findPlanner();
-  planning.own.then(linked ? plan : () => {}, (error) => say(error.message));
+  getReady().then(() => linked && plan());
   document.body.dataset.ready = "true";
 }
 start();

@@ -2,6 +2,13 @@
 
 const PATIENCE = 5000;  // ms until an answer that does not come is given up
 
+const SUBPROTOCOL = "slide-stream";
+/** A token as the name of a subprotocol: a page can send no header when it opens a stream. */
+const bearer = (token) => {
+  const text = btoa(String.fromCharCode(...new TextEncoder().encode(token)));
+  return `bearer.${text.replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "")}`;
+};
+
 const UNREADABLE = "The server’s answer is none that this page can read.";
 const areRows = (rows) => Array.isArray(rows) && rows.every((row) => row.length === 3 && row.every(Number.isFinite));
 
@@ -12,12 +19,15 @@ export class Stream {
   #why = "The server cannot be reached, or takes no more streams now.";
   #ended = false;
 
-  /** @param request  what opens a stream, without its format */
-  constructor(request) {
+  /**
+   * @param request  what opens a stream, without its format
+   * @param token  of the server; "" where it wants none
+   */
+  constructor(request, token = "") {
     const address = new URL("stream", location.href);
     address.protocol = address.protocol.replace("http", "ws");
     address.hash = "";
-    this.#socket = new WebSocket(address);
+    this.#socket = new WebSocket(address, token ? [SUBPROTOCOL, bearer(token)] : []);
     this.#socket.addEventListener("message", ({ data }) => this.#take(data));
     this.#socket.addEventListener("close", () => this.#end());
     this.opened = this.#asked();

@@ -153,10 +153,15 @@ def test_what_is_no_answer_of_a_stream_is_said(
     expect(page.get_by_role("alert")).to_contain_text("Nobody steers the pan")
 
 
-def test_with_a_token_no_loop_is_offered(run_server: Callable[..., Any], open_page: Callable[..., Page]) -> None:
-    with run_server(token="let me in") as server:
-        page = open_page(server.url, complains=True)
-        page.click("#plan")
-        page.get_by_label("Token of this server").fill("let me in")
-        plan(page)
+def test_with_a_token_the_loop_is_closed_once_it_is_given(
+    run_server: Callable[..., Any], open_page: Callable[..., Page]
+) -> None:
+    with run_server(tokens="page=let me in; \u00b5+/?", max_wait=20.0, deadline=20.0) as server:
+        page = open_page(server.url, calm=False, complains=True)
+        token = page.get_by_label("Token of this server")
+        expect(token).to_be_visible()
         assert page.locator("#closed").is_hidden()
+        token.fill("let me in; \u00b5+/?")
+        token.blur()
+        close_loop(page)
+        assert error_of(page) < 10.0

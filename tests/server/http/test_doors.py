@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import signal
 import socket
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from runtime.errors import plain
 
@@ -113,3 +115,31 @@ def test_log_names_requests_and_shows_no_token_and_no_escape(form: str) -> None:
 def test_what_is_printed_of_files_and_replies_moves_no_cursor() -> None:
     assert plain("a\x1b[2Jb\u202ec\r\x07") == "a\\x1b[2Jb\\u202ec\\r\\x07"
     assert plain("µ “fine”") == "µ “fine”"
+
+
+def named(token: bytes) -> str:
+    return "bearer." + base64.urlsafe_b64encode(token).decode().rstrip("=")
+
+
+def test_a_token_may_be_named_as_a_subprotocol_which_is_not_repeated(run_server: Callable[..., Any]) -> None:
+    with run_server(tokens="page=s\u00e9cret/1") as server:
+        url = server.url.replace("http", "ws") + "/stream"
+        with connect(
+            url, subprotocols=[Subprotocol("slide-stream"), Subprotocol(named("s\u00e9cret/1".encode()))]
+        ) as it:
+            assert it.subprotocol == "slide-stream"
+            assert it.response is not None
+            assert "bearer" not in str(it.response.headers)
+        for wrong in (named(b"secret"), named(b""), "bearer.", "bearer.!", "Bearer.c2Vj"):
+            status = handshake(server, f"slide-stream, {wrong}")
+            assert status == 401, wrong
+        assert (
+            server.get("/info", headers={"Sec-WebSocket-Protocol": named("s\u00e9cret/1".encode())}).status_code == 401
+        )
+
+
+def handshake(server: Any, subprotocols: str) -> int:
+    lines = ["GET /stream HTTP/1.1", f"Host: 127.0.0.1:{server.port}", "Connection: Upgrade", "Upgrade: websocket"]
+    lines += ["Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]
+    answer = server.raw("\r\n".join([*lines, f"Sec-WebSocket-Protocol: {subprotocols}", "", ""]).encode())
+    return int(answer.split(b" ")[1])
