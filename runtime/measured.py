@@ -84,5 +84,5 @@ def check_age(age: object) -> int | None:
     """
     if isinstance(age, (float, np.floating)) and not math.isfinite(age):
         return None
-    samples = round(number(age, "age") / DT)
-    return samples if samples >= 0 else None
+    samples = number(age, "age") / DT
+    return round(samples) if math.isfinite(samples) and round(samples) >= 0 else None

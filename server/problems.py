@@ -24,7 +24,7 @@ MAX_TEXT = 500
 """Longest detail or place (characters), so that a problem stays small whatever it is about."""
 
 TITLES = {
-    "malformed": (400, "The body is not JSON"),
+    "malformed": (400, "The request cannot be read"),
     "unauthorized": (401, "A bearer token is needed"),
     "forbidden": (403, "The request is not allowed"),
     "not-found": (404, "There is nothing at this path"),

@@ -125,6 +125,21 @@ def test_packed_messages_come_back_the_same() -> None:
     assert np.allclose(chunk.brake, u[:3], atol=1e-6)
 
 
+@pytest.mark.parametrize("age", [1e308, -1e308, -1.0, 1e300, None])
+def test_what_was_measured_at_no_time_is_taken_for_missing(server: Any, age: float | None) -> None:
+    readings = (
+        {"frames": [{"position": [0.05, 0.0], "age": age}]},
+        {"encoders": [{"state": [0.05, 0, 0, 0], "age": age}]},
+    )
+    with opened(server) as plain:
+        plain.send(json.dumps({"sequence": 0}))
+        expected = json.loads(plain.recv())["acceleration"]
+    for told in (*readings, {"pan": [[0.05, 0, 0, 0]], "object": [[0, 0, 0, 0]], "age": age}):
+        with opened(server) as stream:
+            stream.send(json.dumps({"sequence": 0, **told}))
+            assert json.loads(stream.recv())["acceleration"] == expected
+
+
 @pytest.mark.parametrize(
     ("message", "name"),
     [
