@@ -10,19 +10,15 @@ switched on.
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime import Plan
-from runtime.arm.joint_arm import JointArm, Joints, See, check_joints, way
-from runtime.arm.results import Results
-from runtime.arm.run import check_plan, execute, open_loop
+from runtime.arm.joint_arm import JointArm, Joints, See, driver, execute_plan, way
 from runtime.arms.model import ArmModel
-from runtime.arms.options import ArmChoice, choose
 from runtime.arms.place import Place
+from runtime.cli.console import run
 
 Array = NDArray[np.float64]
 
@@ -37,10 +33,8 @@ class FrankaArm(JointArm):
 
     def __init__(self, address: str, model: ArmModel, place: Place, see: See | None = None) -> None:
         super().__init__(model, place, see)
-        import pylibfranka
-
-        self._franka = pylibfranka
-        self._robot = pylibfranka.Robot(address)
+        self._franka = driver("pylibfranka", "pylibfranka")
+        self._robot = self._franka.Robot(address)
         self._robot.set_collision_behavior(TORQUES, TORQUES, FORCES, FORCES)
         self._control: Any = None
         self._last, self._still = np.zeros(7), True
@@ -78,15 +72,9 @@ class FrankaArm(JointArm):
 
 
 def main(plan_file: str, address: str) -> None:
-    """Check the plan against the arm's limits, execute it in open loop, and print how the pan followed."""
-    plan = Plan.load(plan_file)
-    check_plan(plan)
-    model, place = choose(ArmChoice(arm="fr3"))
-    check_joints(model, place, plan)
-    recording = execute(plan, FrankaArm(address, model, place), open_loop(plan))
-    for name, value in Results.of(plan, recording, None).rows[:2]:
-        print(f"{name}: {value}")
+    """Execute a plan on the Franka Research 3 at an address, in open loop, and print how the pan followed."""
+    execute_plan(plan_file, "fr3", lambda model, place: FrankaArm(address, model, place))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    run("franka.py", main)

@@ -12,20 +12,16 @@ enough, the whole motion as one message is better: `slide-joints plan.json --arm
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime import Plan
-from runtime.arm.joint_arm import JointArm, Joints, See, check_joints, way
-from runtime.arm.results import Results
-from runtime.arm.run import check_plan, execute, open_loop
+from runtime.arm.joint_arm import JointArm, Joints, See, driver, execute_plan, way
 from runtime.arms.model import ArmModel
-from runtime.arms.options import ArmChoice, choose
 from runtime.arms.place import Place
+from runtime.cli.console import run
 
 Array = NDArray[np.float64]
 
@@ -44,12 +40,11 @@ class TrajectoryController(JointArm):
 
     def __init__(self, host: str, model: ArmModel, place: Place, see: See | None = None, port: int = 9090) -> None:
         super().__init__(model, place, see)
-        import roslibpy
-
-        self._roslibpy, self.connection = roslibpy, roslibpy.Ros(host, port)
+        self._roslibpy = driver("roslibpy", "roslibpy")
+        self.connection = self._roslibpy.Ros(host, port)
         self.connection.run(WAITING)
-        self._points = roslibpy.Topic(self.connection, CONTROLLER, "trajectory_msgs/msg/JointTrajectory")
-        self._states = roslibpy.Topic(self.connection, STATES, "sensor_msgs/msg/JointState")
+        self._points = self._roslibpy.Topic(self.connection, CONTROLLER, "trajectory_msgs/msg/JointTrajectory")
+        self._states = self._roslibpy.Topic(self.connection, STATES, "sensor_msgs/msg/JointState")
         self._heard: Joints | None = None
         self._next = 0.0
         self._states.subscribe(self._hear)
@@ -96,15 +91,9 @@ class TrajectoryController(JointArm):
 
 
 def main(plan_file: str, host: str, arm: str) -> None:
-    """Check the plan against the arm's limits, execute it in open loop, and print how the pan followed."""
-    plan = Plan.load(plan_file)
-    check_plan(plan)
-    model, place = choose(ArmChoice(arm=arm))
-    check_joints(model, place, plan)
-    recording = execute(plan, TrajectoryController(host, model, place), open_loop(plan))
-    for name, value in Results.of(plan, recording, None).rows[:2]:
-        print(f"{name}: {value}")
+    """Execute a plan on an arm (a name, or a file) behind the rosbridge of a host, and print how the pan followed."""
+    execute_plan(plan_file, arm, lambda model, place: TrajectoryController(host, model, place))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    run("ros2.py", main)

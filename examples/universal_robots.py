@@ -10,18 +10,13 @@ blunter than planned: look at how the pan followed, and expect the object to fol
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime import Plan
-from runtime.arm.joint_arm import HOMING_SPEED, JointArm, Joints, See, check_joints
-from runtime.arm.results import Results
-from runtime.arm.run import check_plan, execute, open_loop
+from runtime.arm.joint_arm import HOMING_SPEED, JointArm, Joints, See, driver, execute_plan
 from runtime.arms.model import ArmModel
-from runtime.arms.options import ArmChoice, choose
 from runtime.arms.place import Place
+from runtime.cli.console import run
 
 Array = NDArray[np.float64]
 
@@ -44,11 +39,9 @@ class UniversalRobot(JointArm):
 
     def __init__(self, address: str, model: ArmModel, place: Place, see: See | None = None) -> None:
         super().__init__(model, place, see)
-        import rtde_control
-        import rtde_receive
-
-        self._control = rtde_control.RTDEControlInterface(address, 1.0 / PERIOD)
-        self._receive = rtde_receive.RTDEReceiveInterface(address, 1.0 / PERIOD)
+        control, receive = driver("rtde_control", "ur-rtde"), driver("rtde_receive", "ur-rtde")
+        self._control = control.RTDEControlInterface(address, 1.0 / PERIOD)
+        self._receive = receive.RTDEReceiveInterface(address, 1.0 / PERIOD)
         self._open = True
 
     def go_home(self, angle: Array) -> None:
@@ -74,15 +67,9 @@ class UniversalRobot(JointArm):
 
 
 def main(plan_file: str, address: str) -> None:
-    """Check the plan against the arm's limits, execute it in open loop, and print how the pan followed."""
-    plan = Plan.load(plan_file)
-    check_plan(plan)
-    model, place = choose(ArmChoice(arm="ur5e"))
-    check_joints(model, place, plan)
-    recording = execute(plan, UniversalRobot(address, model, place), open_loop(plan))
-    for name, value in Results.of(plan, recording, None).rows[:2]:
-        print(f"{name}: {value}")
+    """Execute a plan on the UR5e at an address, in open loop, and print how the pan followed."""
+    execute_plan(plan_file, "ur5e", lambda model, place: UniversalRobot(address, model, place))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    run("universal_robots.py", main)

@@ -6,18 +6,24 @@ the joints measure. `examples/franka.py`, `examples/universal_robots.py` and `ex
 
 from __future__ import annotations
 
+import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from runtime.arm.controller import rotation_vector
-from runtime.arm.interface import Measured, ObjectStatus, PanCommand
+from runtime.arm.interface import Arm, Measured, ObjectStatus, PanCommand
+from runtime.arm.results import Results
+from runtime.arm.run import check_plan, execute, open_loop
 from runtime.arms.model import ArmModel, pose_error
 from runtime.arms.motion import HOMING, follow_plan
+from runtime.arms.options import ArmChoice, choose
 from runtime.arms.place import Place
 from runtime.documents.checks import FloatArray
+from runtime.documents.files import reading
 from runtime.errors import InputError
 from runtime.physics.law import DT
 from runtime.plan import Plan
@@ -56,6 +62,42 @@ def check_joints(model: ArmModel, place: Place, plan: Plan) -> None:
             f"{worst.quantity} of {worst.part} comes to {worst.value:.4g} {worst.unit} at {worst.time:.3f} s, its "
             f"limit is {worst.limit:.4g}; slide-joints shows them all"
         )
+
+
+def driver(module: str, package: str) -> Any:
+    """Import an arm's driver.
+
+    Raises:
+        InputError: it is not installed; the line to run is told.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise InputError(f"{error.name} is not installed: pip install {package}") from error
+
+
+def execute_plan(plan_file: str, arm: str, connect: Callable[[ArmModel, Place], Arm]) -> None:
+    """Check a plan against an arm's limits, execute it in open loop, and print how the pan followed.
+
+    Args:
+        plan_file: the plan.
+        arm: a name, or a file.
+        connect: gives the real arm; called once the plan has been found good.
+
+    Raises:
+        InputError, FormatError: the plan cannot be executed on this arm.
+    """
+    model, place = choose(ArmChoice(arm=arm))
+    plan = Plan.load(Path(plan_file))
+    with reading(plan_file):
+        check_plan(plan)
+        check_joints(model, place, plan)
+    recording = execute(plan, connect(model, place), open_loop(plan))
+    rows = Results.of(plan, recording, None).rows[:2] if len(recording) else []
+    for name, value in rows:
+        print(f"{name}: {value}")
+    if recording.interrupted:
+        raise KeyboardInterrupt
 
 
 def way(begin: FloatArray, end: FloatArray) -> Iterator[FloatArray]:

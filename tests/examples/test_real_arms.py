@@ -5,6 +5,7 @@ The signatures were read off pylibfranka 0.21.3, ur-rtde 1.6.5 and roslibpy 2.1.
 
 from __future__ import annotations
 
+import runpy
 import sys
 from collections import UserDict
 from collections.abc import Callable, Sequence
@@ -23,6 +24,9 @@ from runtime.arm.joint_arm import check_joints, way
 from runtime.arm.run import execute, open_loop
 from runtime.arms.load import load_arm
 from runtime.arms.options import ArmChoice, choose
+from runtime.interrupt import INTERRUPTED
+
+from .conftest import EXAMPLES
 
 SAMPLES = 400
 Example = Callable[[str], ModuleType]
@@ -165,6 +169,69 @@ def test_a_plan_beyond_an_arms_limits_is_refused_before_anything_moves(
     assert not franka
 
 
+def as_typed(monkeypatch: pytest.MonkeyPatch, script: str, *arguments: str) -> int:
+    """Run an example as `python examples/SCRIPT ...` does; return its exit code."""
+    monkeypatch.setattr(sys, "argv", [script, *arguments])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(EXAMPLES / script), run_name="__main__")
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.parametrize("script", ["franka.py", "universal_robots.py", "ros2.py"])
+def test_a_script_executes_a_plan_and_says_how_the_pan_followed(
+    script: str,
+    franka: list[Franka],
+    urs: list[Ur],
+    slept: list[float],
+    pressed: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "plan.json"
+    gentle().save(path)
+    more = ("ur5e",) if script == "ros2.py" else ()
+    assert as_typed(monkeypatch, script, str(path), "192.168.0.10", *more) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert [line.partition(":")[0] for line in out.splitlines()] == ["pan tracking", "pan height, attitude"]
+    assert len(pressed) == 1
+
+
+@pytest.mark.parametrize("script", ["franka.py", "universal_robots.py", "ros2.py"])
+def test_a_script_tells_what_is_wrong_in_a_line(
+    script: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "plan.json"
+    gentle().save(path)
+    more = ("ur5e",) if script == "ros2.py" else ()
+    for driver in ("pylibfranka", "rtde_control", "rtde_receive", "roslibpy"):
+        monkeypatch.setitem(sys.modules, driver, None)
+    for plan, message in (
+        (str(path), "is not installed: pip install"),
+        (str(tmp_path / "none.json"), "cannot be read: No such file or directory"),
+    ):
+        assert as_typed(monkeypatch, script, plan, "192.168.0.10", *more) == 2
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert err.startswith(f"{script}: error: ")
+        assert message in err
+
+
+def test_a_script_that_is_stopped_before_the_plan_begins_says_nothing_of_it(
+    franka: list[Franka], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def press_ctrl_c(text: str = "") -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("builtins.input", press_ctrl_c)
+    path = tmp_path / "plan.json"
+    gentle().save(path)
+    assert as_typed(monkeypatch, "franka.py", str(path), "192.168.0.10") == INTERRUPTED
+    assert capsys.readouterr() == ("", "")
+    assert franka[0].finished == 1, "the way home"
+
+
 class Ur:
     """Both interfaces of ur-rtde, and the robot behind them."""
 
@@ -216,9 +283,9 @@ class Ur:
         return [0.0] * 6
 
 
-def test_a_ur_gets_a_point_every_two_milliseconds(
-    example: Example, monkeypatch: pytest.MonkeyPatch, pressed: list[str]
-) -> None:
+@pytest.fixture
+def urs(monkeypatch: pytest.MonkeyPatch) -> list[Ur]:
+    """The stand-in for ur-rtde; gives the robots that were connected to."""
     robots: list[Ur] = []
 
     def connect(*arguments: Any) -> Ur:
@@ -227,9 +294,13 @@ def test_a_ur_gets_a_point_every_two_milliseconds(
 
     monkeypatch.setitem(sys.modules, "rtde_control", SimpleNamespace(RTDEControlInterface=connect))
     monkeypatch.setitem(sys.modules, "rtde_receive", SimpleNamespace(RTDEReceiveInterface=connect))
+    return robots
+
+
+def test_a_ur_gets_a_point_every_two_milliseconds(example: Example, urs: list[Ur], pressed: list[str]) -> None:
     plan, (model, place) = gentle(), choose(ArmChoice(arm="ur5e"))
     recording = execute(plan, example("universal_robots").UniversalRobot("ur", model, place), open_loop(plan))
-    (robot,) = robots
+    (robot,) = urs
     assert (robot.log[0], robot.log[-4:]) == ("moveJ", ["servoStop", "stopScript", "disconnect", "disconnect"])
     points = robot.log[1:-4]
     assert points == ["initPeriod", "servoJ", "waitPeriod"] * (len(points) // 3)
@@ -284,13 +355,18 @@ class Topic:
         self.callback(UserDict({"name": ["finger", *(names[index] for index in order)], **message, "effort": []}))
 
 
+@pytest.fixture
+def slept(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The stand-in for roslibpy; gives how long was slept (s)."""
+    monkeypatch.setitem(sys.modules, "roslibpy", SimpleNamespace(Ros=Ros, Topic=Topic, Message=UserDict))
+    times: list[float] = []
+    monkeypatch.setattr("time.sleep", times.append)
+    return times
+
+
 def test_a_trajectory_controller_gets_a_point_every_ten_milliseconds(
-    example: Example, monkeypatch: pytest.MonkeyPatch, pressed: list[str]
+    example: Example, slept: list[float], pressed: list[str]
 ) -> None:
-    module = SimpleNamespace(Ros=Ros, Topic=Topic, Message=UserDict)
-    monkeypatch.setitem(sys.modules, "roslibpy", module)
-    slept: list[float] = []
-    monkeypatch.setattr("time.sleep", slept.append)
     plan, (model, place) = gentle(), choose(ArmChoice(arm="ur5e"))
     arm = example("ros2").TrajectoryController("localhost", model, place)
     ros = arm.connection
