@@ -44,16 +44,7 @@ EIGHT = Path(__file__).parents[2] / "examples" / "figure_eight.csv"
 TRACKED = 3e-3
 """Distance between object and path that is to be reached, planned and executed (m)."""
 
-HEADER = (
-    "arm",
-    "friction",
-    "joints hold",
-    "slowed down, times",
-    "error planned (mm)",
-    "in MuJoCo (mm)",
-    "lost there",
-    "told too much",
-)
+HEADER = ("arm", "friction", "hold", "slowed", "planned (mm)", "MuJoCo (mm)", "lost", "passed")
 """Columns of the table."""
 
 DURATION = 1.2
