@@ -188,6 +188,7 @@ class Planner:
         noise: float = OBJECT_NOISE,
         every: int | None = None,
         check: Check | None = None,
+        search: bool = True,
     ) -> Stream:
         """Start to follow a command with a controller that measures; see `Stream`.
 
@@ -199,12 +200,14 @@ class Planner:
             noise: standard deviation of the positions that `Stream.see_object` is told (m).
             every: samples after which `Stream.due` asks for the next chunk; the whole chunk if None.
             check: tells what the arm comes to along a motion, so that its joints hold too; see `Stream`.
+            search: search for the kinetic friction by a particle filter, which takes 5 % of a core.
 
         Raises:
             InputError: as for `plan`.
         """
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
-        return Stream(self.bundle, job, _tolerance(tolerance) or REST_TOLERANCE, command_delay, noise, every, check)
+        mark = _tolerance(tolerance) or REST_TOLERANCE
+        return Stream(self.bundle, job, mark, command_delay, noise, every, check, search)
 
     def _defaults(
         self, friction: Friction | None, limits: Limits | None, start: Start | None, sizes: Sizes | None

@@ -69,6 +69,7 @@ class Stream:
             follows best.
         check: tells what the arm comes to along a motion, so that its joints hold too; see `JointCheck` of
             `runtime.arms.check`. None for the pan's limits alone.
+        search: search for the kinetic friction by a particle filter, in `see_object` and `see_pan`: 5 % of a core.
 
     Attributes:
         chunk: samples in a chunk, C: as many as the limits make it.
@@ -87,6 +88,7 @@ class Stream:
         noise: float = OBJECT_NOISE,
         every: int | None = None,
         check: Check | None = None,
+        search: bool = True,
     ) -> None:
         if not job.limits.finite:
             raise InputError("a stream needs finite limits: without them there is no stop", "limits")
@@ -99,6 +101,7 @@ class Stream:
         self._noise = number(noise, "noise")
         if not NOISES[0] <= self._noise <= NOISES[1]:
             raise InputError(f"noise must be between {NOISES[0]:g} and {NOISES[1]:g} m, got {noise:g} m", "noise")
+        self._search = search
         self._lock = threading.Lock()
         self._end = End(tolerance, job.sizes.pan_radius)
         self._course = Course.begin(bundle, job, round((self._command_delay or 0.0) / DT))
@@ -169,7 +172,7 @@ class Stream:
             if seen is not None and late is not None:
                 at = now - late - self._late
                 sight = sight.see_object(seen, at, now, self._limits.acceleration)
-                self._state = self._state._replace(sight=sight)
+                self._state = self._state._replace(sight=self._searched(sight, executed, now))
 
     def see_pan(self, state: ArrayLike | None, age: float = 0.0, executed: int | None = None) -> None:
         """Take in where the encoders say that the pan was; as `see_object`.
@@ -189,7 +192,7 @@ class Stream:
             sight, now = self._state.sight, self._now(executed)
             if seen is not None and late is not None:
                 sight = sight.see_pan(seen, now - late - self._late, self._late, now)
-                self._state = self._state._replace(sight=sight)
+                self._state = self._state._replace(sight=self._searched(sight, executed, now))
 
     def step(
         self,
@@ -331,9 +334,13 @@ class Stream:
         samples = self.chunk if executed is None else self._sample(executed, "executed")
         return max(0, self._state.sight.end - self.chunk + samples)
 
+    def _searched(self, sight: Sight, executed: int | None, now: int) -> Sight:
+        """Return what is known after a search for the friction, unless the chunk is over: then a step is due."""
+        return sight if executed == self.chunk else sight.searched(now)
+
     def _begin(self, start: Start, mark: FloatArray, last: StreamState | None = None) -> StreamState:
         """Return what is carried before the first chunk; see `StreamState.begin`."""
-        sight = Sight.begin(start, mark, self._friction, self._noise, self.chunk)
+        sight = Sight.begin(start, mark, self._friction, self._noise, self.chunk, self._search)
         return StreamState.begin(start, sight, self._limits, self.chunk, last)
 
     def _check_executed(self, executed: int | None) -> int:

@@ -24,7 +24,7 @@ from runtime.client.messages import (
 )
 from runtime.client.request import command_document, options_document
 from runtime.command import Command
-from runtime.documents.checks import FloatArray, fields, table
+from runtime.documents.checks import FloatArray, fields, number, table
 from runtime.documents.files import parse_json
 from runtime.errors import InputError, ServerError, extra
 from runtime.friction import Friction
@@ -32,7 +32,7 @@ from runtime.limits import Limits
 from runtime.measured import check_age, check_state
 from runtime.physics.law import DT
 from runtime.start import Start
-from runtime.stream import StreamStatus
+from runtime.stream import OBJECT_NOISE, StreamStatus
 
 MAX_MESSAGE = 1 << 24
 """Largest message taken from a server (bytes): a chunk and its stop are far below."""
@@ -51,6 +51,7 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         url: of the server, as in http://127.0.0.1:8000.
         position: a Command, or (K, 2) where the object should be, relative to the pan (m), at 1 kHz.
         friction, limits, start: as for `Planner.stream`; the server's if None.
+        command_delay, noise: as for `Stream`.
         token: the server's bearer token, if it wants one.
         packed: send float32, which is less and rounded, instead of JSON.
         timeout: longest wait for an answer (s).
@@ -59,9 +60,10 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         chunk: samples in a chunk, C.
         model: name and sha256 of the server's bundle.
         last: the chunk given last, with the stop from its end; None before the first.
+        refused: why the server kept the old command, if the last step told it another one that it does not take.
 
     Raises:
-        InputError: a position is no finite number, or the limits are not finite.
+        InputError: a position, the delay or the noise is no finite number, or the limits are not finite.
         ServerError: the server cannot be reached, or refuses; what it says is passed on.
         MissingExtraError: websockets is not installed.
     """
@@ -74,6 +76,8 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         *,
         limits: Limits | None = None,
         start: Start | None = None,
+        command_delay: float | None = 0.0,
+        noise: float = OBJECT_NOISE,
         token: str | None = None,
         packed: bool = False,
         timeout: float = 5.0,
@@ -82,11 +86,15 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         self._sequence = 0
         self._frames: deque[Reading] = deque(maxlen=MOST_READINGS)
         self._encoders: deque[Reading] = deque(maxlen=MOST_READINGS)
+        self._next: dict[str, Any] = {}
         self.last: Chunk | None = None
+        self.refused: str | None = None
         opening: dict[str, Any] = {
             "format": STREAM_FORMAT,
             "command": command_document(position),
             "packed": packed,
+            "command_delay": None if command_delay is None else number(command_delay, "command_delay"),
+            "noise": number(noise, "noise"),
             **options_document(friction=friction, limits=limits, start=start),
         }
         self._stack = ExitStack()
@@ -117,6 +125,22 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         """Tell with the next step where the encoders say that the pan was; see `Stream.see_pan` and `see_object`."""
         self._tell(self._encoders, check_state(state, "state", (4, 6)), age, executed)
 
+    def retarget(self, position: Command | ArrayLike) -> None:
+        """Follow another command from the next step on; see `Stream.retarget`, and `refused`.
+
+        Raises:
+            InputError: the command is not usable; the old one is kept.
+        """
+        command = position if isinstance(position, Command) else Command.from_samples(position)
+        self._next["command"] = command_document(command)
+
+    def reset(self, start: Start) -> None:
+        """Begin again with the next step from where pan and object are, with what is left of the command.
+
+        That step is refused with a ServerError, and the connection closed, if the pan cannot come to rest from there.
+        """
+        self._next.update(options_document(start=start))
+
     def step(
         self,
         pan_state: FloatArray | None = None,
@@ -133,8 +157,9 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         done = self._sample(executed)
         step = Step(self._sequence, pan_state, object_state, age, tuple(self._frames), tuple(self._encoders), done)
         try:
-            answer = self._ask(pack_step(step) if self._packed else _step_json(step))
-            chunk = answer if isinstance(answer, Chunk) else _chunk(answer)
+            message = pack_step(step) if self._packed and not self._next else _step_json(step, self._next)
+            answer = self._ask(message)
+            chunk, refused = (answer, None) if isinstance(answer, Chunk) else _chunk(answer)
         except InputError as error:
             raise ServerError(f"{self._url}: not an answer of ours: {error}") from error
         if chunk.sequence != step.sequence or len(chunk.acceleration) != self.chunk:
@@ -142,7 +167,8 @@ class RemoteStream(AbstractContextManager["RemoteStream"]):
         self._sequence += 1
         self._frames.clear()
         self._encoders.clear()
-        self.last = chunk
+        self._next = {}
+        self.last, self.refused = chunk, refused
         return chunk.acceleration
 
     def close(self) -> None:
@@ -199,8 +225,8 @@ def problem_text(problem: dict[str, Any]) -> str:
     return f"{problem.get('title')}: {place}{problem.get('detail', '')}".rstrip(": ")
 
 
-def _step_json(step: Step) -> str:
-    message: dict[str, Any] = {"sequence": step.sequence, "age": _told(step.age)}
+def _step_json(step: Step, more: dict[str, Any]) -> str:
+    message: dict[str, Any] = {"sequence": step.sequence, "age": _told(step.age), **more}
     for name, state in (("pan", step.pan), ("object", step.object)):
         if state is not None:
             message[name] = [[_told(value) for value in row] for row in np.atleast_2d(state).tolist()]
@@ -219,12 +245,17 @@ def _told(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _chunk(document: Any) -> Chunk:
+def _chunk(document: Any) -> tuple[Chunk, str | None]:
+    """Return the chunk of an answer, and why the command that was told with it is refused."""
     parts = fields(document, "", ("sequence", "status", "acceleration", "brake"), ("refused",))
     if parts["status"] not in tuple(StreamStatus):
         raise InputError("there is no such status")
     rows = table(parts["acceleration"], "acceleration", AXES), table(parts["brake"], "brake", AXES)
-    return Chunk(parts["sequence"], *rows, StreamStatus(parts["status"]))
+    refused = parts.get("refused")
+    if not isinstance(refused, dict | None):
+        raise InputError("what is refused is no problem document")
+    chunk = Chunk(parts["sequence"], *rows, StreamStatus(parts["status"]))
+    return chunk, None if refused is None else problem_text(refused)
 
 
 def _connect(url: str, token: str | None, timeout: float, stack: ExitStack) -> Any:

@@ -31,7 +31,7 @@ class FrictionEstimate(NamedTuple):
     """What a stream believes of the friction.
 
     Attributes:
-        friction: that motion is predicted with.
+        friction: as it was told, until frames say more.
         kinetic, static: between what each lies, by 95 %; static friction shows only where the object breaks away.
     """
 

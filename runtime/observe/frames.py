@@ -67,6 +67,10 @@ class Watch(NamedTuple):
         """Return it with the object in a state (4,) that was measured at a sample, later than all frames."""
         return self._replace(beliefs=(self.last.placed(at, state),), doubted=())
 
+    def knowing(self, kinetic: float, spread: float) -> Self:
+        """Return it with a kinetic friction found elsewhere; see `Belief.knowing`."""
+        return self._replace(beliefs=(*self.beliefs[:-1], self.last.knowing(kinetic, spread)))
+
     def see(self, frame: Frame, past: Past, acceleration: float) -> tuple[Self, Verdict]:
         """Take in a frame, and return what became of it.
 

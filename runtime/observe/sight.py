@@ -12,11 +12,12 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from runtime.documents.checks import FloatArray
-from runtime.friction import Friction
+from runtime.friction import MAX_COEFFICIENT, Friction
 from runtime.observe.delay import DelaySearch
 from runtime.observe.estimates import FrictionEstimate, ObjectEstimate
 from runtime.observe.frames import NOISES, Verdict, Watch
 from runtime.observe.pan import APART, DISTANCE, SETTLING, SPEED, agree, along, large
+from runtime.observe.particles import Particles
 from runtime.observe.past import KEPT, Past
 from runtime.observe.sliding import Frame
 from runtime.physics.law import DT, GRAVITY, slide_one
@@ -35,6 +36,9 @@ REMEMBERED = 4
 BENT = 100
 """Samples over which what was believed before a reading is bent towards it."""
 
+INTERVAL = 3.0
+"""Standard deviations to each side that make a 95 % interval of the kinetic friction: two would, if the law held."""
+
 OBJECT_DISTANCE, OBJECT_SPEED = 0.01, 0.5
 """Difference (m, m/s) between two states of an object a millisecond apart up to which it is noise or friction."""
 
@@ -49,7 +53,8 @@ class Sight(NamedTuple):
         past: what was commanded, up to the end of the chunk given last.
         pan: (n, 6) believed pan positions (m) and velocities (m/s) at the last samples up to there.
         sliding: (n, 4) the same of the object, relative to the pan.
-        watch: what is known of the object and of its friction.
+        watch: what is known of the object and of its static friction.
+        particles: what is known of its kinetic friction; None if nobody searches for it.
         delays: what is known of the arm's delay.
         rest: (6,) what of the last pan reading's difference was not believed (m, m/s), and `read`, its sample.
         arrived: samples at which the last usable readings of pan and object came.
@@ -63,6 +68,7 @@ class Sight(NamedTuple):
     pan: FloatArray
     sliding: FloatArray
     watch: Watch
+    particles: Particles | None
     delays: DelaySearch
     rest: FloatArray
     read: int
@@ -73,7 +79,7 @@ class Sight(NamedTuple):
     event: bool = False
 
     @classmethod
-    def begin(cls, start: Start, mark: FloatArray, told: Friction, noise: float, chunk: int) -> Self:
+    def begin(cls, start: Start, mark: FloatArray, told: Friction, noise: float, chunk: int, search: bool) -> Self:
         """Return what is known before the first chunk.
 
         Args:
@@ -82,19 +88,22 @@ class Sight(NamedTuple):
             told: the friction.
             noise: standard deviation of an object's position in a frame (m).
             chunk: samples of a chunk.
+            search: whether to search for the kinetic friction.
         """
         pan, sliding = start.pan_state(), start.object_state(mark)
         kept = max(KEPT, REMEMBERED * chunk)
         past = Past.still(np.array(start.pan_acceleration), pan[3:], kept)
         watch = Watch.begin(sliding, told, noise)
         tracks = np.tile(pan, (kept, 1)), np.tile(sliding, (kept, 1))
-        return cls(past, *tracks, watch, DelaySearch.begin(3), np.zeros(6), -1, (0, 0))
+        particles = Particles.begin(sliding, told) if search else None
+        return cls(past, *tracks, watch, particles, DelaySearch.begin(3), np.zeros(6), -1, (0, 0))
 
     def knowing(self, before: Sight) -> Self:
         """Return it with what was known before of friction and delay."""
         last = self.watch.last
         watch = self.watch._replace(beliefs=(before.watch.last.placed(last.frame.at, last.state),))
-        return self._replace(watch=watch, delays=before.delays.again())
+        particles = None if before.particles is None else before.particles.placed(last.frame.at, last.state)
+        return self._replace(watch=watch, particles=particles, delays=before.delays.again())
 
     @property
     def end(self) -> int:
@@ -109,8 +118,13 @@ class Sight(NamedTuple):
     @property
     def friction_estimate(self) -> FrictionEstimate:
         """What is believed of the friction, and how sure that is."""
-        belief = self.watch.last
-        return FrictionEstimate(belief.friction, belief.kinetic_interval, belief.static_interval)
+        last = self.watch.last
+        if self.particles is None:
+            return FrictionEstimate(last.friction, last.kinetic_interval, last.static_interval)
+        kinetic, spread = self.particles.found
+        static = max(last.friction.static, kinetic)
+        between = max(0.0, kinetic - INTERVAL * spread), min(MAX_COEFFICIENT, kinetic + INTERVAL * spread)
+        return FrictionEstimate(Friction(static, kinetic), between, last.static_interval)
 
     def object_at(self, at: int) -> ObjectEstimate:
         """Return what is believed of the object at a sample up to the end, and how sure that is."""
@@ -198,8 +212,21 @@ class Sight(NamedTuple):
         sight = sight._replace(handed=(self.handed[0], position))
         if verdict is Verdict.DOUBTED:
             return sight
+        followed = self._followed()
+        if followed is not None:
+            sight = sight._replace(particles=followed.offered(Frame(at, position), watch.noise, watch.last.event))
         event = self.event or watch.last.event
         return sight._replace(arrived=(self.arrived[0], now), event=event)._led(watch.now(self.past))
+
+    def searched(self, now: int) -> Self:
+        """Return it with more known of the kinetic friction: as much as the samples pay for that have passed by now."""
+        followed = self._followed()
+        if followed is None:
+            return self
+        particles, watch = followed.run(self.past, now), self.watch
+        if particles.informed and particles.seen > followed.seen:
+            watch = watch.knowing(*particles.found)
+        return self._replace(watch=watch, particles=particles)
 
     def see_object_states(self, state: FloatArray, at: int, now: int, acceleration: float) -> Self:
         """Take in a state of the object, (4,) position (m) and velocity (m/s), or the last C, (C, 4); see `see_pan`.
@@ -227,6 +254,15 @@ class Sight(NamedTuple):
         if len(rows) > 1:
             sight.sliding[first:row] = self.sliding[first:row] + clean[:-1]
         return sight._but(verdict)
+
+    def _followed(self) -> Particles | None:
+        """Return the particles, put where the object is believed to be if that is known otherwise than from frames."""
+        last, particles = self.watch.last, self.particles
+        if particles is None:
+            return None
+        if last.frame.at > particles.newest or particles.at < self.past.begin:
+            return particles.placed(last.frame.at, last.state)
+        return particles
 
     def _row(self, at: int) -> int:
         """Return the row of a sample in `pan` and `sliding`."""

@@ -57,6 +57,9 @@ DEAD = 8.0
 LIKELY = 3.0
 """The same at which it is outside the interval that is given: exp(-3) is 5 %."""
 
+AGREES = 2.0
+"""Standard deviations up to which the kinetic friction that the particles find is no other than the filters'."""
+
 FINEST = 0.06
 """Smallest distance of two static frictions, of their logarithms: closer ones break away in the same millisecond."""
 
@@ -137,6 +140,16 @@ class Belief(NamedTuple):
         spread[4, 4] = self.spread[4, 4]
         states = np.tile(state, (FILTERS, 1))
         return self._replace(frame=Frame(at, state[:2]), states=states, spread=spread, event=False)
+
+    def knowing(self, kinetic: float, spread: float) -> Self:
+        """Return it with a kinetic friction found elsewhere and its standard deviation, if surer or another."""
+        own = math.sqrt(self.spread[4, 4])
+        if own < spread and abs(self.kinetic[self.best] - kinetic) < AGREES * spread:
+            return self
+        known = self.spread.copy()
+        known[4], known[:, 4] = 0.0, 0.0
+        known[4, 4] = spread * spread
+        return self._replace(kinetic=np.full(FILTERS, kinetic), spread=known)
 
     def see(self, frame: Frame, u: FloatArray, noise: float, pushed: bool = False) -> Self:
         """Take in a later frame.

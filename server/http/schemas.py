@@ -17,6 +17,7 @@ from runtime.client.messages import MOST_READINGS
 from runtime.commands.bounds import MAX_SAMPLES
 from runtime.errors import place_text, within
 from runtime.physics.law import DT
+from runtime.stream import OBJECT_NOISE
 from server.planning.messages import GivenCommand, PlanJob, ReaderOptions, to_array
 from server.problems import Problem
 
@@ -166,6 +167,10 @@ class StreamRequest(Options):
     format: Literal["slide-stream/1", "slide-stream/2"]
     command: CommandRequest
     packed: bool = False
+    command_delay: float | None = Field(
+        0.0, description="Time from a command to its execution (s); null to use what the encoders tell of it."
+    )
+    noise: float = Field(OBJECT_NOISE, description="Standard deviation of the positions of frames (m).")
 
 
 MOST_NAMES, NAMES_OF_A_COMMAND = 2000, 16

@@ -4,10 +4,12 @@ A step takes a third of a millisecond: in the event loop answers come sooner tha
 at a time, and between two of them everything else has its turn; next is the stream that has had the least.
 
 The first message opens the stream, as JSON: {"format": "slide-stream/2", "command": ..., "packed": false} and the
-options of a plan. The answer says what decodes. From then on each message is a step, numbered from 0, and each answer
-the chunk of that number; see `runtime.client.messages`. A JSON step may carry another "command" to follow from then
-on, or a "start" to begin again from after a stop. What is wrong is said in a problem document before the socket is
-closed. A stream that is opened as "slide-stream/1" moves a level pan, and has x and y alone.
+options of a plan, and maybe "command_delay" and "noise". The answer says what decodes. From then on each message is a
+step, numbered from 0, and each answer the chunk of that number; see `runtime.client.messages`. A JSON step may carry
+another "command" to follow from then on, or a "start" to begin again from after a stop. A command that cannot be
+followed is "refused" in the answer, which is JSON then, and the old one is kept. What else is wrong is said in a
+problem document before the socket is closed. A stream that is opened as "slide-stream/1" moves a level pan, and has x
+and y alone.
 """
 
 from __future__ import annotations
@@ -181,8 +183,10 @@ class Follower:
             InputError: what it asks for cannot be followed.
             WebSocketDisconnect: the client left.
         """
-        command, job, packed, axes = await self._read("stream", _data(await self._receive()))
-        following = self._planner.stream(command, job.friction, limits=job.limits, start=job.start)
+        command, job, told, packed, axes = await self._read("stream", _data(await self._receive()))
+        following = self._planner.stream(
+            command, job.friction, limits=job.limits, start=job.start, search=False, **told
+        )  # a search would take from the other streams
         self._chunk = following.chunk
         manifest = self._planner.bundle.manifest
         model = {"name": manifest.name, "sha256": self._planner.bundle.sha256}
@@ -207,7 +211,7 @@ class Follower:
                 chunk = along(received.advance(following), axes)
             self._service.metrics.chunks.inc()
             expected = (expected + 1) % (1 << 32)
-            if packed:
+            if packed and not isinstance(received.command, Problem):
                 await self._socket.send_bytes(pack_chunk(chunk))
             else:
                 document = chunk._asdict()

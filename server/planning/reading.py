@@ -87,7 +87,10 @@ def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob
 
 
 def stream(options: ReaderOptions, body: bytes) -> Steps:
-    """Read what opens a stream: the Command, its PlanJob, whether messages are packed, and along how many axes."""
+    """Read what opens a stream: the Command, its PlanJob, what it is told of delay and noise, and how messages are.
+
+    The last two are whether messages are packed, and along how many axes the pan moves.
+    """
     check_positions(body.count(BRACKET), options.max_samples)
     asked = read(StreamRequest, body)
     yield
@@ -98,7 +101,7 @@ def stream(options: ReaderOptions, body: bytes) -> Steps:
     if axes == 2 and not job.limits.level:
         detail = f"the pan lifts by {job.limits.height:g} m: open the stream as {STREAM_FORMAT}"
         raise Problem("invalid", detail, "format")
-    return command, job, asked.packed, axes
+    return command, job, {"command_delay": asked.command_delay, "noise": asked.noise}, asked.packed, axes
 
 
 def step(options: ReaderOptions, body: bytes) -> Steps:

@@ -73,6 +73,62 @@ def test_remote_stream_gives_what_a_stream_in_the_process_gives(
             sliding = slide_one(sliding[-1], expected, friction)
 
 
+@pytest.mark.parametrize("packed", [False, True])
+def test_delay_noise_another_command_and_a_reset_go_over_the_wire(
+    server: Any, make_curve: Callable[..., Any], packed: bool
+) -> None:
+    position, other = make_curve(450), make_curve(300)[::-1]
+    options: dict[str, Any] = {"command_delay": 0.02, "noise": 0.002}
+    own = Planner().stream(position, search=False, **options)
+    tolerance = 2e-4 if packed else 0.0
+    with RemoteStream(server.url, position, packed=packed, **options) as remote:
+        for k in range(12):
+            for stream in (own, remote):
+                if k == 3:
+                    stream.retarget(other)
+                if k == 11:
+                    stream.reset(Start(object_position=(0.01, 0.0)))
+                if k < 3:
+                    stream.see_object(position[0] + 1e-6 * k, 0.03)
+                    stream.see_pan(np.full(6, 1e-6 * k))
+            expected, got = own.step(), remote.step()
+            assert remote.last is not None
+            assert remote.last.status is own.status
+            assert np.abs(got - expected).max() <= tolerance * 30.0
+            assert remote.refused is None
+            if k == 10:
+                assert own.status is StreamStatus.BRAKING
+        assert own.status is StreamStatus.FOLLOWING
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_command_that_the_server_refuses_is_told_and_the_old_one_kept(run_server: Any, packed: bool) -> None:
+    with run_server(max_samples=300) as server, RemoteStream(server.url, np.zeros((300, 2)), packed=packed) as remote:
+        with pytest.raises(InputError, match="position"):
+            remote.retarget(np.zeros((5, 3)))
+        remote.retarget(np.zeros((301, 2)))
+        assert remote.step().shape == (remote.chunk, 3)
+        assert remote.refused is not None
+        assert "301" in remote.refused
+        remote.retarget(np.zeros((200, 2)))
+        remote.step()
+        assert remote.refused is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"command_delay": 0.2}, "command_delay must be between 0 and 0.1 s, got 0.2 s"),
+        ({"noise": 0.0}, "noise must be between"),
+    ],
+)
+def test_delay_and_noise_out_of_range_are_refused(server: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ServerError, match=message):
+        RemoteStream(server.url, np.zeros((300, 2)), **options)
+    with pytest.raises(InputError, match="is not a finite number"):
+        RemoteStream(server.url, np.zeros((300, 2)), noise=math.nan)
+
+
 def test_missing_states_are_predicted_then_braked_and_a_start_begins_again(server: Any) -> None:
     socket = opened(server, command={"dt": 0.001, "position": [[0.0, 0.0]] * 300})
     statuses = []
@@ -337,7 +393,7 @@ def test_remote_stream_sees_what_a_stream_in_the_process_sees(
     """Frames late and early, readings that are none, and a question before the chunk has ended."""
     limits = Limits(acceleration=25.0)  # of a network that may be asked at any time
     position = make_curve(450)
-    own = server.service.planner.stream(position, limits=limits)
+    own = server.service.planner.stream(position, limits=limits, search=False)
     with RemoteStream(server.url, position, limits=limits, packed=packed) as remote:
         for done in (None, own.chunk, 30, own.chunk, 40):
             executed = own.chunk if done is None else done
