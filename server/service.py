@@ -16,9 +16,12 @@ from server.planning.process import PLANNING_COMMAND
 from server.planning.reader import Reader
 from server.problems import Problem
 from server.settings import Settings
-from server.shares import AGAIN, Gate, Lease, Shares
+from server.shares import AGAIN, Few, Gate, Lease, Shares
 
 log = logging.getLogger("slide-serve")
+
+PIECES = 8
+"""Pieces of answers that are sent in one turn of the event loop: a tenth of a millisecond each."""
 
 
 class Service:
@@ -33,6 +36,7 @@ class Service:
         metrics: what is counted.
         held: bytes of requests that are held.
         steps: by turns, the steps of streams.
+        sending: a few in each turn of the event loop, the pieces of answers.
         metrics_port: the port for figures only, if there is one.
         stopping: whether the server takes no new work.
         failure: why no plans can be made; None while there is hope.
@@ -49,6 +53,7 @@ class Service:
         self.metrics.in_flight.set_function(lambda: self.in_flight)
         self.metrics.streams.set_function(lambda: self.streams)
         self.steps = Gate()
+        self.sending = Few(PIECES)
         self.metrics_port: int | None = None
         self.stopping = False
         self.failure: Exception | None = None

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 
@@ -124,6 +124,40 @@ class Turns:
         self._used[client] = before + amount / self._weights.get(client, 1.0)
         if len(self._used) > MOST_REMEMBERED:
             del self._used[next(iter(self._used))]  # who was given nothing for longest
+
+
+class Few:
+    """Lets a few through in each turn of the event loop, first come, first served.
+
+    Args:
+        most: how many.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = self._left = most
+        self._waiting: deque[asyncio.Future[None]] = deque()
+
+    async def turn(self) -> None:
+        """Wait until there is room in a turn."""
+        if self._left == self._most:
+            asyncio.get_running_loop().call_soon(self._begin)
+        if self._left:
+            self._left -= 1
+            return
+        waits = asyncio.get_running_loop().create_future()
+        self._waiting.append(waits)
+        await waits
+
+    def _begin(self) -> None:
+        """Begin a turn: with those that wait, then with those that come."""
+        self._left = self._most
+        while self._left and self._waiting:
+            waits = self._waiting.popleft()
+            if not waits.done():  # who waited may have left
+                waits.set_result(None)
+                self._left -= 1
+        if self._left < self._most:
+            asyncio.get_running_loop().call_soon(self._begin)
 
 
 class Gate:

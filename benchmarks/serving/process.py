@@ -85,7 +85,9 @@ def serving(model: Path | None = None, **settings: object) -> Iterator[Serving]:
     """
     with socket.create_server(("127.0.0.1", 0)) as free:
         port: int = free.getsockname()[1]
-    given = {"port": port, "stream_rate": 1000, **settings, **({} if model is None else {"model": model})}
+    given = {"port": port, "stream_rate": 1000, "stream_idle": 60, **settings}  # of a busy machine's clients
+    if model is not None:
+        given["model"] = model
     environment = {f"SLIDE_{name.upper()}": str(value) for name, value in given.items()}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "turn"

@@ -59,7 +59,7 @@ async def command(request: Request) -> Response:
         held.resize(len(document))
         headers = {"Content-Length": str(len(document))}
         cut = (document[begin : begin + PIECE] for begin in range(0, len(document), PIECE))
-        return LeasedResponse(pieces(cut, service.settings), headers, JSON, stack.pop_all())
+        return LeasedResponse(pieces(cut, service), headers, JSON, stack.pop_all())
 
 
 def _options(request: Request) -> dict[str, Any]:

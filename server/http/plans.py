@@ -73,7 +73,7 @@ async def plan(request: Request) -> Response:
             stack.callback(queued.drop)
             written = await result_of(queued, request, service.settings)
         headers = {"Server-Timing": timing(written, reading), "Content-Length": str(written.size)}
-        sent = pieces(written.body, service.settings)
+        sent = pieces(written.body, service)
         return LeasedResponse(sent, headers, NPZ if npz else JSON, stack.pop_all())
 
 
@@ -127,7 +127,7 @@ async def _lines(service: Service, client: str, jobs: list[ReadJob]) -> AsyncGen
             try:
                 async with asyncio.timeout(service.settings.deadline):
                     written = await one.result
-                async for piece in pieces(written.body, service.settings):
+                async for piece in pieces(written.body, service):
                     yield piece
                 yield b"\n"
             except TimeoutError:
@@ -141,19 +141,20 @@ async def _lines(service: Service, client: str, jobs: list[ReadJob]) -> AsyncGen
             one.drop()
 
 
-async def pieces(body: Iterable[bytes], settings: Settings) -> AsyncGenerator[bytes, None]:
-    """Yield a body piece by piece, so that no more of it waits for the client than the connection holds; between two of
-    them everything else has its turn.
+async def pieces(body: Iterable[bytes], service: Service) -> AsyncGenerator[bytes, None]:
+    """Yield a body piece by piece, so that no more of it waits for the client than the connection holds.
+
+    A few pieces of all answers go together, and then everything else has its turn.
 
     Raises:
         ClientDisconnect: the client takes too long to read it.
     """
-    until = time.monotonic() + settings.write_timeout
+    until = time.monotonic() + service.settings.write_timeout
     for piece in body:
+        await service.sending.turn()
         if time.monotonic() > until:
             raise ClientDisconnect
         yield piece
-        await asyncio.sleep(0.0)
 
 
 class LeasedResponse(StreamingResponse):
