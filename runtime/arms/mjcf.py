@@ -21,7 +21,8 @@ def read_mjcf(path: Path) -> Robot:
     no place in the format; torque is the actuators' force range where they drive one joint each.
 
     Raises:
-        InputError: mujoco refuses the file, or a body has a joint that neither turns nor slides, or several.
+        InputError: mujoco refuses the file, or a number in it is NaN. A joint that neither turns nor slides is refused
+            where it is part of the arm, not where it carries an object beside it.
         MissingExtraError: mujoco is not installed.
     """
     with extra("mujoco"):
@@ -45,15 +46,14 @@ def read_mjcf(path: Path) -> Robot:
     for index, name in enumerate(names):
         body = _body(model, index, mujoco)
         frame = Frame.of(model.body_pos[index], _rotation(model.body_quat[index], mujoco))
-        first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
-        if count > 1:
-            raise InputError(f"body {name} has {count} joints; an arm's have one each")
         parent = None if index == 0 else names[int(model.body_parentid[index])]
-        if count:  # a link without mass that turns about the joint's anchor, to which the body is fixed
-            anchor = model.jnt_pos[first]
+        first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
+        for joint in range(first, first + count):  # a link without mass that turns about the joint's anchor
+            anchor = model.jnt_pos[joint]
             at_anchor = Frame.of(np.array(frame.position) + frame.rotation @ anchor, frame.rotation)
-            links[f"{name} (joint)"] = Link(parent, at_anchor, NOTHING, _joint(model, first, torque, mujoco))
-            parent, frame = f"{name} (joint)", Frame.of(-anchor, np.eye(3))
+            name_of_joint = f"{name} (joint)" if joint == first else f"{name} (joint {joint - first + 1})"
+            links[name_of_joint] = _joint_link(parent, at_anchor, model, joint, torque, mujoco)
+            parent, frame = name_of_joint, Frame.of(-anchor, np.eye(3))
         links[name] = Link(parent, frame, body, None)
     for index in range(model.nsite):
         site = model.site(index).name
@@ -109,17 +109,19 @@ def _torques(model: Any, mujoco: Any) -> dict[int, float]:
     return found
 
 
-def _joint(model: Any, index: int, torque: dict[int, float], mujoco: Any) -> Joint:
+def _joint_link(
+    parent: str | None, frame: Frame, model: Any, index: int, torque: dict[int, float], mujoco: Any
+) -> Link:
+    """Return the link that a joint moves, without the body on it."""
     name = model.joint(index).name or f"joint{index + 1}"
     kind, at_zero = int(model.jnt_type[index]), float(model.qpos0[model.jnt_qposadr[index]])
     if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-        raise InputError(f"joint {name} neither turns nor slides")
-    if at_zero != 0.0:
-        raise InputError(f"joint {name} has the reference {at_zero:g}; only 0 is read")
+        return Link(parent, frame, NOTHING, None, refused=f"joint {name} neither turns nor slides")
+    refused = f"joint {name} has the reference {at_zero:g}; only 0 is read" if at_zero else None
     ranged = bool(model.jnt_limited[index])
     lower, upper = (float(value) for value in model.jnt_range[index])
     x, y, z = (float(value) for value in model.jnt_axis[index])
-    return Joint(
+    joint = Joint(
         name,
         Frame(),
         NOTHING,
@@ -129,3 +131,4 @@ def _joint(model: Any, index: int, torque: dict[int, float], mujoco: Any) -> Joi
         upper=upper if ranged else None,
         torque=torque.get(index),
     )
+    return Link(parent, frame, NOTHING, joint, refused=refused)

@@ -23,6 +23,7 @@ class Link:
         body: its own mass and inertia.
         joint: what moves it, its `frame` and `body` not yet told; None if it is fixed to its parent.
         followed: whether other joints follow that one, as a gripper's second finger follows the first.
+        refused: why the link cannot be part of an arm; None if it can.
     """
 
     parent: str | None
@@ -30,6 +31,7 @@ class Link:
     body: Body
     joint: Joint | None
     followed: bool = False
+    refused: str | None = None
 
 
 MOST_NAMED = 40
@@ -50,8 +52,8 @@ def chain(links: Mapping[str, Link], tip: str | None) -> tuple[tuple[Joint, ...]
             without a finger: a joint that slides there, or that others follow.
 
     Raises:
-        InputError: there is no link of that name, the links form a circle, two links have no parent, or there are more
-            than MOST_LINKS.
+        InputError: there is no link of that name, the links form a circle, two links have no parent, there are more
+            than MOST_LINKS, or a link on the chain cannot be part of an arm.
     """
     if len(links) > MOST_LINKS:
         raise InputError(f"the robot has {len(links)} links, at most {MOST_LINKS} are read")
@@ -61,6 +63,9 @@ def chain(links: Mapping[str, Link], tip: str | None) -> tuple[tuple[Joint, ...]
     elif tip not in links:
         raise InputError(f"there is no link named {reprlib.repr(tip)} to be the tip; the links are {_some(links)}")
     path = _path(links, tip)
+    for refused in (links[name].refused for name in path):
+        if refused is not None:
+            raise InputError(refused)
     on_chain = [name for name in path if links[name].joint is not None]
     joints: list[Joint] = []
     frame = Frame()

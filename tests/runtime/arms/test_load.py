@@ -56,6 +56,9 @@ LINK = """<link name="{}"><inertial><mass value="1"/><origin xyz="0 0 0.1"/>
   <visual><geometry><mesh filename="package://nowhere/{}.stl"/></geometry></visual></link>"""
 
 
+INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+
+
 def urdf(extra: str = "", without: str = "") -> str:
     """Return the URDF of an arm of six joints whose meshes are nowhere, a gripper's two fingers at its end."""
     links = "\n".join(LINK.format(name, name) for name in ("base", "pa", "pb", "pc", "qa", "qb", "qc", "f1", "f2"))
@@ -157,7 +160,10 @@ def test_an_mjcf_is_read_without_its_meshes(tmp_path: Path) -> None:
     motor = '<actuator><motor joint="j0" gear="2" forcerange="-30 30"/></actuator>'
     asset = '<asset><mesh name="nowhere" file="nowhere.stl"/></asset>'
     path = tmp_path / "six.xml"
-    path.write_text(f'<mujoco model="six">{asset}<worldbody>{text}</worldbody>{motor}</mujoco>')
+    free = f'<body name="cup" pos="0.5 0 0"><freejoint/>{INERTIAL}</body>'
+    sliding = f'<body name="goal"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>{INERTIAL}</body>'
+    path.write_text(f'<mujoco model="six">{asset}<worldbody>{text}{free}{sliding}</worldbody>{motor}</mujoco>')
+    assert load_arm(path).joint_names[-1] == "j5", "what stands beside the arm is not of it"
     arm = replace(load_arm(path, tip="flange"), mount=Frame())
     assert (len(arm), arm.joints[0].torque, arm.joints[1].torque) == (6, 60.0, None)
     position = ArmModel(arm).pan(np.array([0.0, QUARTER, 0.0, 0.0, 0.0, 0.0]))[0]
@@ -165,7 +171,7 @@ def test_an_mjcf_is_read_without_its_meshes(tmp_path: Path) -> None:
     np.testing.assert_allclose(position, [0.85, 0.0, 0.45], atol=1e-9)
 
 
-BODY = '<body name="b"><joint name="j" type="hinge"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+BODY = f'<body name="b"><joint name="j" type="hinge"/>{INERTIAL}</body>'
 BAD_MJCF = {
     "is NaN": BODY.replace('type="hinge"', 'type="hinge" range="nan 1"'),
     "not a model that mujoco reads": BODY.replace('mass="1"', 'mass="-1"'),
