@@ -51,9 +51,13 @@ class Taps(NamedTuple):
 
     def of(self, given: FloatArray, now: int = 0) -> FloatArray:
         """Return the rows (B, n, d) made of those given, (B, K, d), from row `now` on."""
-        total: FloatArray = given[:, self.rows[:, 0] + now] * self.shares[:, :1]
-        for tap in range(1, self.rows.shape[1]):
-            total += given[:, self.rows[:, tap] + now] * self.shares[:, tap : tap + 1]
+        rows = self.rows + now
+        total: FloatArray = given.take(rows[:, 0], axis=1)
+        total *= self.shares[:, :1]
+        for tap in range(1, rows.shape[1]):
+            part = given.take(rows[:, tap], axis=1)
+            part *= self.shares[:, tap : tap + 1]
+            total += part
         return total
 
 
