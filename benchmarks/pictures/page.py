@@ -40,9 +40,10 @@ def plan(page: Page) -> dict[str, Any]:
 
 
 def settle(page: Page) -> None:
-    """Wait until a plan is shown, and no better one is asked for."""
+    """Wait until a plan is shown with its plots, and no better one is asked for."""
     page.wait_for_selector("#quality:not([hidden])")
     page.wait_for_selector("#plan:text-is('Plan again')")
+    page.wait_for_selector("#plots figure:nth-of-type(6) svg", state="attached")
 
 
 def seek(page: Page, t: float) -> None:
