@@ -11,7 +11,7 @@ import { later, withNextFrame } from "./frames.js";
 import { OwnStream } from "./own_stream.js";
 import { DT, commandAlong, commandDocument, keepWithin, lengthOf } from "./path.js";
 import { listenToPen } from "./pen.js";
-import { Planning } from "./planning.js";
+import { Planning, toldOf } from "./planning.js";
 import { Stream } from "./stream.js";
 import { $, element, mm, number } from "./viewer/dom.js";
 import { RADIUS } from "./viewer/motion.js";
@@ -194,12 +194,19 @@ function say(message) {
   $("message").hidden = !message;
 }
 
+/** Say what is wrong, and bring it into sight: on a phone it may lie far from what one has done. */
+function complain(message) {
+  say(message);
+  bringIntoSight("message");
+}
+const bringIntoSight = (id) => $(id).scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
+
 /** Plan what is on the pan: soon any way, and then the best way there is time for. */
 async function plan() {
   clearTimeout(settling);
   const request = requestNow();
   if (!request) {
-    say("There is no path yet: draw one on the pan, or take an example.");
+    complain("There is no path yet: draw one on the pan, or take an example.");
     return;
   }
   say("");
@@ -212,7 +219,7 @@ async function plan() {
   } catch (error) {
     if (error.name === "AbortError") return;
     if (error.status === 401) askForToken();
-    say(error.message);
+    complain(error.message);
   } finally {
     update();
   }
@@ -234,18 +241,7 @@ function show({ body, text, plan: document, motion, took, better, positions, opt
     return;
   }
   viewer.begin();
-  if (!before) later(() => $("stage-card").scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" }));
-}
-
-/** What is said of a plan: the time it took, and what it is better in than the one `before` it, if there was one. */
-function toldOf(took, quality, before) {
-  const after = `${number(took, 0)} ms`;
-  for (const [name, words] of [["friction_off_rmse", "with friction 10 % off"], ["tracking_rmse", "the error"]]) {
-    if (before && quality[name] < before[name]) {
-      return `Planned, and made better in ${after}: ${words} ${mm(quality[name])} mm in place of ${mm(before[name])}.`;
-    }
-  }
-  return `Planned in ${after}.`;
+  if (!before) later(() => bringIntoSight("stage-card"));
 }
 
 /** Get to know who plans, from now on with the token that is given. */
@@ -276,9 +272,7 @@ function streamsOf(info, own) {
 }
 
 /** A server that wants a token says nothing of itself before it is given. */
-function askForToken() {
-  $("token-row").hidden = false;
-}
+const askForToken = () => { $("token-row").hidden = false; };
 
 /** Where there is more to read, as far as whoever runs this says so; addresses come from the server. */
 function showLinks(links) {
@@ -317,7 +311,7 @@ async function openFile() {
     take(drawing);
   } catch (error) {
     if (error.status === 401) askForToken();
-    say(error.message);
+    complain(error.message);
   }
 }
 
@@ -326,7 +320,7 @@ async function saveFilm() {
   $("film").textContent = "Filming…";
   const made = await film(viewer.stage.canvas, viewer.player);
   Object.assign($("film"), { disabled: false, textContent: "Film" });
-  if (made) saveFile(`plan.${made.ending}`, made.blob); else say("This browser makes no films.");
+  if (made) saveFile(`plan.${made.ending}`, made.blob); else complain("This browser makes no films.");
 }
 
 /** A slider was moved: plan again, once it rests. */

@@ -3,6 +3,7 @@
 import { requestPlan } from "./api.js";
 import { moved } from "./frames.js";
 import { DT } from "./path.js";
+import { mm, number } from "./viewer/dom.js";
 import { motionOf } from "./viewer/motion.js";
 
 const CANDIDATES = 8, REFINE_MS = 100;  // asked for, where the server allows as much
@@ -85,4 +86,15 @@ export class Planning {
     }
     return null;
   }
+}
+
+/** What is said of a plan: the time it took, and what it is better in than the one `before` it, if there was one. */
+export function toldOf(took, quality, before) {
+  const after = `${number(took, 0)} ms`;
+  for (const [name, words] of [["friction_off_rmse", "with friction 10 % off"], ["tracking_rmse", "the error"]]) {
+    if (before && quality[name] < before[name]) {
+      return `Planned, and made better in ${after}: ${words} ${mm(quality[name])} mm in place of ${mm(before[name])}.`;
+    }
+  }
+  return `Planned in ${after}.`;
 }
