@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from runtime.errors import BundleError
+from runtime.errors import BundleError, InputError
 from runtime.following.course import Course
 from runtime.following.end import End
 from runtime.following.state import StreamState, StreamStatus, predict
@@ -51,7 +51,10 @@ def next_chunk(
     if late is not None:
         course = course.advanced(late)
     course = course.told(sight.friction_estimate)
-    before, room = last.located(limits)
+    try:
+        before, room = last.located(limits)
+    except InputError:  # so far away, or so fast, that no reach holds its stop: millimetres, maybe
+        return last.stopped(last.after, last.room), course
     before = _within(before, tight)
     sliding = sight.sliding[-1]
     ending = end.ending(last, course, sliding, samples)

@@ -251,6 +251,35 @@ def test_one_false_reading_never_moves_the_pan_outside_its_reach(planner: Planne
         assert not leaves(shipped, seed)
 
 
+@pytest.mark.parametrize("scale", [1e3, 1e2, -1e3])
+def test_pan_in_another_unit_is_braked_and_raises_nothing(shipped: Planner, scale: float) -> None:
+    stream = shipped.stream(loop())
+    world, statuses = World(stream, Friction()), []
+    for k in range(10 * stream.chunk):
+        executed = k % stream.chunk or stream.chunk
+        stream.see_pan(scale * world.measured[-1].pan, 0.0, executed)
+        stream.see_object(world.measured[-1].sliding[:2], 0.0, executed)
+        if k % stream.chunk == 0:
+            statuses.append(world.step())
+        world.tick()
+    assert statuses[-1] in (StreamStatus.BRAKING, StreamStatus.OUTSIDE, StreamStatus.CONVINCED, StreamStatus.DOUBTING)
+    u = np.array(world.u)
+    assert np.linalg.norm(u, axis=1).max() <= Limits().acceleration + TOLERANCE
+
+
+@pytest.mark.parametrize(
+    ("told", "true"), [((1.0, 0.5), (0.1, 0.08)), ((1.0, 0.5), (1.5, 1.0)), ((0.3, 0.2), (1.5, 0.9))]
+)
+def test_friction_far_from_what_was_told_is_found(
+    shipped: Planner, told: tuple[float, float], true: tuple[float, float]
+) -> None:
+    stream = shipped.stream(loop(), Friction(*told))
+    World(stream, Friction(*true)).follow(Eyes(60.0, 0.02), 18)
+    found = stream.friction
+    assert found.friction.kinetic == pytest.approx(true[1], rel=0.15)
+    assert found.kinetic[0] < found.friction.kinetic < found.kinetic[1]
+
+
 def test_noise_never_opens_the_reach(planner: Planner) -> None:
     rng = np.random.default_rng(1)
     stream = planner.stream(loop(2000, 0.1), limits=LIMITS)
