@@ -16,12 +16,12 @@ AnyConfig = TrainConfig | PaperConfig
 """A configuration of the network, or of the paper's own."""
 
 MIX = {
-    "spline_acceleration": 0.32,
-    "spline_position": 0.1,
-    "moves": 0.12,
-    "strokes": 0.12,
+    "spline_acceleration": 0.31,
+    "spline_position": 0.08,
+    "moves": 0.11,
+    "strokes": 0.11,
     "creeps": 0.03,
-    "loops": 0.2,
+    "loops": 0.25,
     "drawings": 0.18,
 }
 """The mix of commands that people give, with much of what is fast, curved, and has corners, as letters have."""
@@ -30,14 +30,19 @@ CONFIGURATIONS: dict[str, AnyConfig] = {
     "default": TrainConfig(
         name="default",
         families=MIX,
-        level=0.45,
+        level=0.47,
         units=384,
-        epochs=134,
+        epochs=200,
+        eased=0.054,
+        disturbed_from=0.2,
+        asked_from=0.34,
+        restart=0.67,
+        restart_learning_rate=1.2e-3,
         trajectories=16_384,
         batch=128,
         optimizer="muon",
         learning_rate=2e-3,
-        final_learning_rate=5e-6,
+        final_learning_rate=4e-6,
         threads=1,
     ),
     "smoke": TrainConfig(

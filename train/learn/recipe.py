@@ -8,8 +8,6 @@ from typing import Any, NamedTuple, Protocol
 import torch
 from torch import Tensor, nn
 
-from train.run_config import RunConfig
-
 
 class Outcome(NamedTuple):
     """What a network made of one batch.
@@ -50,7 +48,6 @@ class Recipe(Protocol):
         """Return figures (m) on fixed commands."""
 
 
-def learning_rate(config: RunConfig, progress: float) -> float:
-    """Cosine decay from `learning_rate` to `final_learning_rate` over progress in [0, 1]."""
-    share = 0.5 * (1.0 + math.cos(math.pi * progress))
-    return config.final_learning_rate + (config.learning_rate - config.final_learning_rate) * share
+def cosine_decay(highest: float, lowest: float, progress: float) -> float:
+    """Return what decays from the highest to the lowest over progress in [0, 1], by half a period of the cosine."""
+    return lowest + (highest - lowest) * 0.5 * (1.0 + math.cos(math.pi * progress))

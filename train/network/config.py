@@ -27,6 +27,9 @@ class TrainConfig(RunConfig):
     features: Count = Field(384, description="units of the decoder's tanh layer")
 
     warm_up: Count = Field(50, description="steps in which the learning rate comes to its own")
+    restart: Share = Field(1.0, description="share of the run after which the learning rate falls once more; 1: never")
+    restart_learning_rate: Positive = Field(1e-3, description="from where it then falls")
+    restart_robust: NonNegative = Field(0.07, description="price of the error under other friction from then on")
     eased: Share = Field(0.08, description="share of the run in which friction grows from a twentieth to all of it")
     disturbed_from: Share = Field(0.3, description="share of the run after which trajectories are disturbed")
     asked_from: Share = Field(0.5, description="share of the run after which decoders are asked early")

@@ -18,7 +18,7 @@ from runtime.errors import InputError
 from runtime.network.units import CHUNK, SEEN_ROWS, Situation, Units
 from train.commands.families import free_commands
 from train.learn.checkpoint import weights_to_use
-from train.learn.recipe import Outcome, learning_rate
+from train.learn.recipe import Outcome, cosine_decay
 from train.network.closed_loop import Decoding, decode, replay
 from train.network.config import GROUPS, TrainConfig
 from train.network.losses import farthest, loss, tracking_errors, tracking_price
@@ -43,6 +43,8 @@ class Part(NamedTuple):
 
     step: Step
     trajectories: Trajectories
+    robust: float
+    """Price of the error under other friction."""
 
 
 class NetworkRecipe:
@@ -68,8 +70,15 @@ class NetworkRecipe:
         )
 
     def learning_rate(self, step: int, steps: int) -> float:
-        """Return the learning rate, which comes to its own within `warm_up` steps."""
-        return learning_rate(self.config, step / steps) * min(1.0, (step + 1) / self.config.warm_up)
+        """Return the learning rate: it rises in `warm_up` steps and falls, and does so once more after the restart."""
+        config = self.config
+        began = round(config.restart * steps)
+        if step < began:
+            highest, since, length = config.learning_rate, step, began
+        else:
+            highest, since, length = config.restart_learning_rate, step - began, steps - began
+        decayed = cosine_decay(highest, config.final_learning_rate, since / length)
+        return decayed * min(1.0, (since + 1) / config.warm_up)
 
     def draw(self, step: int, steps: int, rows: slice) -> Part:
         """Draw the groups that the rows belong to.
@@ -84,7 +93,8 @@ class NetworkRecipe:
         shared = draw_step(self.config, progress, np.random.default_rng([*seed, 0]))
         groups = range(rows.start // size, rows.stop // size)
         parts = [draw_trajectories(self.config, progress, shared, group, seed) for group in groups]
-        return Part(shared, join(parts))
+        robust = self.config.robust if progress < self.config.restart else self.config.restart_robust
+        return Part(shared, join(parts), robust)
 
     def outcome(self, decoding: nn.Module, drawn: Part, device: torch.device) -> Outcome:
         """Decode, and take the loss."""
@@ -93,9 +103,9 @@ class NetworkRecipe:
             moved = decoding(trajectories, drawn.step)
         errors = tracking_errors(moved, trajectories)
         price = loss(moved, trajectories, errors, self.config)
-        if self.config.robust > 0.0:
+        if drawn.robust > 0.0:
             other = replay(moved.u, trajectories, drawn.step, *other_friction(trajectories, self.config.off))
-            price = price + self.config.robust * tracking_price(tracking_errors(other, trajectories))
+            price = price + drawn.robust * tracking_price(tracking_errors(other, trajectories))
         return Outcome(price, errors.detach().mean(), farthest(moved).detach().mean())
 
     def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:

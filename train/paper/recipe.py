@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from train.learn.checkpoint import weights_to_use
-from train.learn.recipe import Outcome, learning_rate
+from train.learn.recipe import Outcome, cosine_decay
 from train.paper.batches import Drawn, draw
 from train.paper.closed_loop import Decoding
 from train.paper.config import PaperConfig
@@ -45,7 +45,7 @@ class PaperRecipe:
 
     def learning_rate(self, step: int, steps: int) -> float:
         """Return the learning rate."""
-        return learning_rate(self.config, step / steps)
+        return cosine_decay(self.config.learning_rate, self.config.final_learning_rate, step / steps)
 
     def draw(self, step: int, steps: int, rows: slice) -> Drawn:
         """Draw the batch, all of it, and keep the rows."""

@@ -79,3 +79,20 @@ def test_network_is_read_from_its_checkpoint_and_from_no_other(smoke_run, tmp_pa
     Trainer(load_config("paper", units=8, batch=8, trajectories=8), tmp_path).save()
     with pytest.raises(InputError, match="the paper's own network"):
         load_network(load_checkpoint(tmp_path))
+
+
+def test_learning_rate_falls_once_more_after_the_restart():
+    changes = {"warm_up": 4, "restart": 0.6, "learning_rate": 2e-3, "restart_learning_rate": 1e-3}
+    recipe = NetworkRecipe(load_config("smoke").model_copy(update=changes))
+    rates = [recipe.learning_rate(step, 1000) for step in range(1000)]
+    assert rates[3] == max(rates) == pytest.approx(2e-3, rel=1e-3)
+    assert rates[603] == max(rates[600:]) == pytest.approx(1e-3, rel=1e-3)
+    for first, last in ((3, 600), (603, 1000)):
+        assert rates[first:last] == sorted(rates[first:last], reverse=True)
+        assert rates[last - 1] == pytest.approx(recipe.config.final_learning_rate, rel=0.1)
+
+
+def test_price_on_other_friction_changes_at_the_restart():
+    config = load_config("smoke").model_copy(update={"restart": 0.5, "robust": 0.25, "restart_robust": 0.07})
+    recipe = NetworkRecipe(config)
+    assert [recipe.draw(step, 10, slice(0, 16)).robust for step in (0, 4, 5, 9)] == [0.25, 0.25, 0.07, 0.07]
