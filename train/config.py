@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from runtime.errors import InputError
-from train.network.config import TrainConfig
+from train.network.config import Finish, TrainConfig
 from train.paper.config import PaperConfig
 
 AnyConfig = TrainConfig | PaperConfig
@@ -36,8 +36,7 @@ CONFIGURATIONS: dict[str, AnyConfig] = {
         eased=0.054,
         disturbed_from=0.2,
         asked_from=0.34,
-        restart=0.67,
-        restart_learning_rate=1.2e-3,
+        finish=Finish(after=0.67, learning_rate=1.2e-3, gamma=0.1, robust=0.07),
         trajectories=16_384,
         batch=128,
         optimizer="muon",

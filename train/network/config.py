@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from runtime.network.units import ENCODER_CHUNK
 from train.commands.families import FAMILIES
@@ -16,6 +16,17 @@ RANGES = ("samples", "reach", "far", "speed", "pan_reach", "acceleration", "stre
 """Pairs of which the first is the lowest and the second the highest."""
 
 
+class Finish(BaseModel):
+    """The last part of a run: the learning rate rises and falls once more, at other prices."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    after: Share = Field(description="share of the run after which it begins")
+    learning_rate: Positive
+    gamma: NonNegative
+    robust: NonNegative
+
+
 class TrainConfig(RunConfig):
     """The network in the law's units, told the limits of each pan.
 
@@ -27,9 +38,7 @@ class TrainConfig(RunConfig):
     features: Count = Field(384, description="units of the decoder's tanh layer")
 
     warm_up: Count = Field(50, description="steps in which the learning rate comes to its own")
-    restart: Share = Field(1.0, description="share of the run after which the learning rate falls once more; 1: never")
-    restart_learning_rate: Positive = Field(1e-3, description="from where it then falls")
-    restart_robust: NonNegative = Field(0.07, description="price of the error under other friction from then on")
+    finish: Finish | None = Field(None, description="how the run ends, if not as it went on")
     eased: Share = Field(0.08, description="share of the run in which friction grows from a twentieth to all of it")
     disturbed_from: Share = Field(0.3, description="share of the run after which trajectories are disturbed")
     asked_from: Share = Field(0.5, description="share of the run after which decoders are asked early")
@@ -77,6 +86,12 @@ class TrainConfig(RunConfig):
     noise: Range = Field((1e-3, 1e-2), description="its standard deviation: of positions, of velocities")
     asked: Share = Field(0.35, description="share of steps in which the decoder is asked before its chunk has ended")
     reread: Share = Field(0.3, description="share of steps in which the encoder reads anew on the way")
+
+    def at(self, progress: float) -> TrainConfig:
+        """Return the configuration in force after this share of the run."""
+        if self.finish is None or progress < self.finish.after:
+            return self
+        return self.model_copy(update=self.finish.model_dump(exclude={"after"}))
 
     @model_validator(mode="after")
     def _consistent(self) -> TrainConfig:

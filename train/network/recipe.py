@@ -43,8 +43,8 @@ class Part(NamedTuple):
 
     step: Step
     trajectories: Trajectories
-    robust: float
-    """Price of the error under other friction."""
+    config: TrainConfig
+    """The prices at this step."""
 
 
 class NetworkRecipe:
@@ -70,14 +70,11 @@ class NetworkRecipe:
         )
 
     def learning_rate(self, step: int, steps: int) -> float:
-        """Return the learning rate: it rises in `warm_up` steps and falls, and does so once more after the restart."""
-        config = self.config
-        began = round(config.restart * steps)
-        if step < began:
-            highest, since, length = config.learning_rate, step, began
-        else:
-            highest, since, length = config.restart_learning_rate, step - began, steps - began
-        decayed = cosine_decay(highest, config.final_learning_rate, since / length)
+        """Return the learning rate: it rises in `warm_up` steps and falls, and does so once more to finish."""
+        config, finish = self.config, self.config.finish
+        began = steps if finish is None else round(finish.after * steps)
+        since, length = (step, began) if step < began else (step - began, steps - began)
+        decayed = cosine_decay(config.at(step / steps).learning_rate, config.final_learning_rate, since / length)
         return decayed * min(1.0, (since + 1) / config.warm_up)
 
     def draw(self, step: int, steps: int, rows: slice) -> Part:
@@ -93,8 +90,7 @@ class NetworkRecipe:
         shared = draw_step(self.config, progress, np.random.default_rng([*seed, 0]))
         groups = range(rows.start // size, rows.stop // size)
         parts = [draw_trajectories(self.config, progress, shared, group, seed) for group in groups]
-        robust = self.config.robust if progress < self.config.restart else self.config.restart_robust
-        return Part(shared, join(parts), robust)
+        return Part(shared, join(parts), self.config.at(progress))
 
     def outcome(self, decoding: nn.Module, drawn: Part, device: torch.device) -> Outcome:
         """Decode, and take the loss."""
@@ -102,10 +98,11 @@ class NetworkRecipe:
         with torch.autocast(device.type, torch.bfloat16, enabled=self.config.precision == "bfloat16"):
             moved = decoding(trajectories, drawn.step)
         errors = tracking_errors(moved, trajectories)
-        price = loss(moved, trajectories, errors, self.config)
-        if drawn.robust > 0.0:
-            other = replay(moved.u, trajectories, drawn.step, *other_friction(trajectories, self.config.off))
-            price = price + drawn.robust * tracking_price(tracking_errors(other, trajectories))
+        config = drawn.config
+        price = loss(moved, trajectories, errors, config)
+        if config.robust > 0.0:
+            other = replay(moved.u, trajectories, drawn.step, *other_friction(trajectories, config.off))
+            price = price + config.robust * tracking_price(tracking_errors(other, trajectories))
         return Outcome(price, errors.detach().mean(), farthest(moved).detach().mean())
 
     def validate(self, network: nn.Module, device: torch.device) -> dict[str, float]:

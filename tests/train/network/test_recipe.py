@@ -12,6 +12,7 @@ from train.config import load_config
 from train.learn.checkpoint import load_checkpoint
 from train.learn.optimizer import Optimizer
 from train.learn.trainer import Trainer
+from train.network.config import Finish
 from train.network.recipe import NetworkRecipe, load_network
 
 
@@ -81,8 +82,11 @@ def test_network_is_read_from_its_checkpoint_and_from_no_other(smoke_run, tmp_pa
         load_network(load_checkpoint(tmp_path))
 
 
-def test_learning_rate_falls_once_more_after_the_restart():
-    changes = {"warm_up": 4, "restart": 0.6, "learning_rate": 2e-3, "restart_learning_rate": 1e-3}
+FINISH = Finish(after=0.6, learning_rate=1e-3, gamma=0.1, robust=0.07)
+
+
+def test_learning_rate_rises_and_falls_once_more_to_finish():
+    changes = {"warm_up": 4, "learning_rate": 2e-3, "finish": FINISH}
     recipe = NetworkRecipe(load_config("smoke").model_copy(update=changes))
     rates = [recipe.learning_rate(step, 1000) for step in range(1000)]
     assert rates[3] == max(rates) == pytest.approx(2e-3, rel=1e-3)
@@ -92,7 +96,18 @@ def test_learning_rate_falls_once_more_after_the_restart():
         assert rates[last - 1] == pytest.approx(recipe.config.final_learning_rate, rel=0.1)
 
 
-def test_price_on_other_friction_changes_at_the_restart():
-    config = load_config("smoke").model_copy(update={"restart": 0.5, "robust": 0.25, "restart_robust": 0.07})
-    recipe = NetworkRecipe(config)
-    assert [recipe.draw(step, 10, slice(0, 16)).robust for step in (0, 4, 5, 9)] == [0.25, 0.25, 0.07, 0.07]
+def test_prices_change_to_finish():
+    config = load_config("smoke").model_copy(update={"finish": FINISH})
+    drawn = [NetworkRecipe(config).draw(step, 10, slice(0, 16)).config for step in (0, 5, 6, 9)]
+    assert [(each.gamma, each.robust) for each in drawn] == [(config.gamma, config.robust)] * 2 + [(0.1, 0.07)] * 2
+
+
+def test_price_on_changes_of_acceleration_is_that_of_the_step():
+    """Of one batch, once with and once without it."""
+    free = FINISH.model_copy(update={"gamma": 0.0})
+    losses = []
+    for finish in (FINISH, free):
+        recipe = NetworkRecipe(load_config("smoke").model_copy(update={"finish": finish}))
+        part = recipe.draw(9, 10, slice(0, 16))
+        losses.append(recipe.outcome(recipe.decoding(recipe.build()), part, torch.device("cpu")).loss.item())
+    assert losses[0] > losses[1]
