@@ -16,6 +16,10 @@ from rich.table import Table
 from runtime.errors import InputError
 
 
+ASKED = ("target", "met")
+"""Headers of the columns that hold a figure against what is aimed at."""
+
+
 def write_into(page: str, name: str, sections: Mapping[str, Iterable[Table]]) -> str:
     """Return a page with the tables of sections in the place of what stood there.
 
@@ -37,9 +41,18 @@ def write_into(page: str, name: str, sections: Mapping[str, Iterable[Table]]) ->
 
 
 def markdown(table: Table) -> str:
-    """Return a table as markdown, under its title in bold."""
-    columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
+    """Return a table as markdown, under its title in bold.
+
+    A page tells what is, not what was aimed at: the columns ASKED are left out. Rows that stand under another are set in.
+    """
+    shown = [column for column in table.columns if str(column.header) not in ASKED]
+    columns = [[str(column.header), *map(str, column.cells)] for column in shown]
     header, *rows = zip(*columns, strict=True)
-    marks = ["---:" if column.justify == "right" else "---" for column in table.columns]
-    lines = [f"| {' | '.join(each.strip() for each in row)} |" for row in (header, marks, *rows)]
+    marks = ["---:" if column.justify == "right" else "---" for column in shown]
+    lines = [f"| {' | '.join(_set_in(cell) for cell in row)} |" for row in (header, marks, *rows)]
     return "\n".join([f"**{table.title}**", "", *lines, ""])
+
+
+def _set_in(cell: str) -> str:
+    text = cell.strip()
+    return f"{(len(cell) - len(cell.lstrip())) * '&nbsp;'}{text}" if text else ""

@@ -114,7 +114,8 @@ def _opened(file: Path) -> Any:
     from pyarrow import parquet
 
     try:
-        return parquet.ParquetFile(file, buffer_size=BUFFER, page_checksum_verification=True)
+        # pre_buffer would keep every row group that was read until the file is closed
+        return parquet.ParquetFile(file, buffer_size=BUFFER, pre_buffer=False, page_checksum_verification=True)
     except (pyarrow.ArrowException, OSError) as error:
         raise InputError(f"{file}: not a readable Parquet file: {' '.join(str(error).split())}") from error
 

@@ -51,12 +51,11 @@ def test_what_the_network_knows_is_what_its_manifest_says() -> None:
 
 def test_figures_of_the_readme_are_those_of_the_results() -> None:
     table = README[README.index("## How good it is") :]
-    accuracy = read("docs/results/accuracy.md")
-    rows = {"| default limits": ("30", "1.0/0.5"), "| a Panda": ("13", "0.5/0.3"), "| an FR3": ("9", "0.3/0.2")}
-    for mine, (acceleration, friction) in rows.items():
-        begin = accuracy.index(f": {acceleration} m/s^2")
-        row = next(line for line in accuracy[begin:].splitlines() if f"{friction} | `spline`" in line)
-        level, lifting = (float(cell.split()[0]) for cell in row.strip("|").split("|")[-2:])
+    results = read("docs/results/limits.md")
+    rows = {"| default limits": "| default 1/0.5", "| a Panda": "| panda 0.5/0.3", "| an FR3": "| fr3 0.3/0.2"}
+    for mine, theirs in rows.items():
+        pair = results[results.index(f"{theirs} spline |") :].splitlines()[:2]
+        level, lifting = (float(row.split("|")[2]) for row in pair)
         assert cells(table, mine)[1:] == [f"{level:.1f} mm", f"{lifting:.1f} mm"], mine
 
 

@@ -19,15 +19,20 @@ def test_a_table_is_markdown() -> None:
         "| planner | mean |",
         "| --- | ---: |",
         "| network | 1.00 |",
-        "| CEM \\1 | 2.00 |",
+        "| &nbsp;&nbsp;CEM \\1 | 2.00 |",
     ]
+
+
+def test_what_was_aimed_at_is_left_out() -> None:
+    judged = table("Speed", ("", "measured", "target", "met"), [("a plan (ms)", "3.0", "<= 4.0", "yes")])
+    assert markdown(judged).splitlines()[2:] == ["|  | measured |", "| --- | ---: |", "| a plan (ms) | 3.0 |"]
 
 
 def test_tables_stand_in_the_place_of_what_was_there() -> None:
     page = write_into(PAGE, "page.md", {"peers": [TABLE]})
     assert "what was there" not in page
     assert page.startswith("# Results\n\n<!-- slide-bench: peers -->\n\n**RMSE (mm)**\n\n| planner")
-    assert page.endswith("| CEM \\1 | 2.00 |\n\n<!-- end -->\n\nThe rest.\n<!-- end -->\n")
+    assert page.endswith("| &nbsp;&nbsp;CEM \\1 | 2.00 |\n\n<!-- end -->\n\nThe rest.\n<!-- end -->\n")
     assert write_into(page, "page.md", {"peers": [TABLE]}) == page
 
 

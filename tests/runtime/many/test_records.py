@@ -241,3 +241,16 @@ def test_shards_are_cut_by_number_and_by_size(tmp_path: Path) -> None:
             file.truncate(1 << 26)
     path.unlink()
     assert [len(shard.records) for shard in open_source(tmp_path).shards()] == [1, 1, 1]
+
+
+def test_what_was_read_of_a_file_is_not_kept(tmp_path: Path) -> None:
+    """Random numbers, which do not get smaller, in row groups of a few megabytes each."""
+    path = tmp_path / "many.parquet"
+    rng = np.random.default_rng(0)
+    table = pyarrow.table({"position": [list(rng.random((1200, 2))) for _ in range(64)]})
+    with parquet.ParquetWriter(path, table.schema) as writer:
+        for _ in range(16):
+            writer.write_table(table)
+    before = pyarrow.total_allocated_bytes()
+    held = max(pyarrow.total_allocated_bytes() - before for _ in open_source(path).records())
+    assert held < 0.5 * path.stat().st_size
