@@ -15,7 +15,6 @@ from rich.table import Table
 
 from runtime.errors import InputError
 
-
 ASKED = ("target", "met")
 """Headers of the columns that hold a figure against what is aimed at."""
 
@@ -43,7 +42,7 @@ def write_into(page: str, name: str, sections: Mapping[str, Iterable[Table]]) ->
 def markdown(table: Table) -> str:
     """Return a table as markdown, under its title in bold.
 
-    A page tells what is, not what was aimed at: the columns ASKED are left out. Rows that stand under another are set in.
+    A page tells what is, not what was aimed at: the columns ASKED are left out. Rows under another are set in.
     """
     shown = [column for column in table.columns if str(column.header) not in ASKED]
     columns = [[str(column.header), *map(str, column.cells)] for column in shown]
@@ -54,5 +53,5 @@ def markdown(table: Table) -> str:
 
 
 def _set_in(cell: str) -> str:
-    text = cell.strip()
+    text = cell.strip().replace("|", "\\|")
     return f"{(len(cell) - len(cell.lstrip())) * '&nbsp;'}{text}" if text else ""

@@ -198,7 +198,8 @@ def _governor_share(planner: Planner, rounds: int) -> float:
         whole = time.perf_counter() - begin
         job = with_reach(Job(Command(position), manifest.friction, manifest.limits, Start()))
         motion, _ = decode(planner.bundle, [job])
-        pans, chunk = [Pan.at_start(job.start, job.limits)], chunk_of(time_of(job.limits, job.reach_used))
+        pans: Sequence[Pan] = [Pan.at_start(job.start, job.limits)]
+        chunk = chunk_of(time_of(job.limits, job.reach_used))
         asked = np.split(motion.asked, range(chunk, motion.asked.shape[1], chunk), axis=1)
         begin = time.perf_counter()
         for each in asked:

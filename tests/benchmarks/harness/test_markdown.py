@@ -23,6 +23,10 @@ def test_a_table_is_markdown() -> None:
     ]
 
 
+def test_bars_are_not_those_of_the_table() -> None:
+    assert markdown(table("u", ("", "|du|"), [("a", "1")])).splitlines()[2] == "|  | \\|du\\| |"
+
+
 def test_what_was_aimed_at_is_left_out() -> None:
     judged = table("Speed", ("", "measured", "target", "met"), [("a plan (ms)", "3.0", "<= 4.0", "yes")])
     assert markdown(judged).splitlines()[2:] == ["|  | measured |", "| --- | ---: |", "| a plan (ms) | 3.0 |"]
