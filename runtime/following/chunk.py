@@ -55,7 +55,8 @@ def next_chunk(
         before, room = last.located(limits)
     except InputError:  # so far away, or so fast, that no reach holds its stop: millimetres, maybe
         return last.stopped(last.after, last.room), course
-    before = _within(before, tight)
+    if tight is not None:
+        before = _within(before, tight) if before is last.after else _stopping_within(before, room, tight)
     sliding = sight.sliding[-1]
     ending = end.ending(last, course, sliding, samples)
     if ending is not None and end.rests(last, course, ending, sliding):
@@ -76,6 +77,13 @@ def _within(pan: Pan, tight: Limits | None) -> Pan:
         return pan
     limits = replace(pan.limits, speed=tight.speed, acceleration=tight.acceleration, jerk=tight.jerk)
     return pan._replace(limits=limits)
+
+
+def _stopping_within(pan: Pan, room: Room, tight: Limits) -> Pan:
+    """Return a pan whose stop was found where it is believed to be, with one within these limits if there is one."""
+    pan = _within(pan, tight)
+    gentler = Pan.at(room.seen_inside(pan.state), pan.limits)
+    return room.outside(gentler) if gentler.can_stop else pan
 
 
 def _follow(last: StreamState, course: Course, before: Pan, room: Room) -> tuple[Motion, Pan, Reader]:
