@@ -199,7 +199,10 @@ function complain(message) {
   say(message);
   bringIntoSight("message");
 }
-const bringIntoSight = (id) => $(id).scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
+
+function bringIntoSight(id) {
+  $(id).scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });  // a promise, in newer browsers
+}
 
 /** Plan what is on the pan: soon any way, and then the best way there is time for. */
 async function plan() {

@@ -214,3 +214,14 @@ def test_axe_finds_nothing(page_server: Any, open_page: Callable[..., Page], sch
     expect(page.locator("#push")).to_be_visible()
     page.click("#play")
     assert find() == []
+
+
+def test_a_page_that_shows_a_plan_is_scrolled_by_its_reader_alone(
+    page_server: Any, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(page_server.url)
+    draw(page)
+    settle(page)
+    page.evaluate("scrollTo(0, 500)")
+    page.wait_for_timeout(500)
+    assert page.evaluate("scrollY") == 500

@@ -236,7 +236,7 @@ def test_looser_limits_make_no_plan_worse() -> None:
 def test_looser_limits_keep_the_object_on_its_mark_in_the_stop() -> None:
     shipped = Planner()
     t = np.linspace(0.0, 2.0 * np.pi, 1200)
-    position = 0.03 * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1)
+    position = 0.025 * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1)
     for limits in (
         Limits(),
         Limits(acceleration=1e4),
