@@ -15,8 +15,8 @@ from rich.table import Table
 
 from runtime.errors import InputError
 
-ASKED = ("target", "met")
-"""Headers of the columns that hold a figure against what is aimed at."""
+ASKED = ("target", "met", "asked for")
+"""Headers of the columns, and names of the rows, that hold a figure against what is aimed at."""
 
 
 def write_into(page: str, name: str, sections: Mapping[str, Iterable[Table]]) -> str:
@@ -42,11 +42,11 @@ def write_into(page: str, name: str, sections: Mapping[str, Iterable[Table]]) ->
 def markdown(table: Table) -> str:
     """Return a table as markdown, under its title in bold.
 
-    A page tells what is, not what was aimed at: the columns ASKED are left out. Rows under another are set in.
+    A page tells what is, not what was aimed at: columns and rows of ASKED are left out. Rows under another are set in.
     """
     shown = [column for column in table.columns if str(column.header) not in ASKED]
     columns = [[str(column.header), *map(str, column.cells)] for column in shown]
-    header, *rows = zip(*columns, strict=True)
+    header, *rows = (row for row in zip(*columns, strict=True) if row[0] not in ASKED)
     marks = ["---:" if column.justify == "right" else "---" for column in shown]
     lines = [f"| {' | '.join(_set_in(cell) for cell in row)} |" for row in (header, marks, *rows)]
     return "\n".join([f"**{table.title}**", "", *lines, ""])

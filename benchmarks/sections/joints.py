@@ -190,7 +190,7 @@ def _good(fitted: Fitted) -> bool:
 
 
 def joints_tables(joints: Joints, verdicts: Sequence[Verdict]) -> list[Table]:
-    """Return a row for each arm, and what is asked for at most; `--page` writes it into the guide to arms."""
+    """Return a row for each arm, and what is asked for at most; `--page` writes the arms into their guide."""
     asked = ["asked for", "", "all", "2 or 4", MILLIMETRES.text(TRACKED), MILLIMETRES.text(TRACKED), "0", "0"]
     return [table("Arms that people own", HEADER, [*(_row(name, arm) for name, arm in joints.arms.items()), asked])]
 

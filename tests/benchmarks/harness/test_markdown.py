@@ -30,6 +30,8 @@ def test_bars_are_not_those_of_the_table() -> None:
 def test_what_was_aimed_at_is_left_out() -> None:
     judged = table("Speed", ("", "measured", "target", "met"), [("a plan (ms)", "3.0", "<= 4.0", "yes")])
     assert markdown(judged).splitlines()[2:] == ["|  | measured |", "| --- | ---: |", "| a plan (ms) | 3.0 |"]
+    judged = table("Arms", ("arm", "hold"), [("fr3", "13"), ("asked for", "all")])
+    assert markdown(judged).splitlines()[2:] == ["| arm | hold |", "| --- | ---: |", "| fr3 | 13 |"]
 
 
 def test_tables_stand_in_the_place_of_what_was_there() -> None:
