@@ -21,10 +21,10 @@ export const moved = () => new Promise((resolve) => {
   requestAnimationFrame(() => requestAnimationFrame(resolve));
 });
 
-/** Do work in pieces, until `work` returns false, once what plays has moved, and where there is time to spare. */
+/** Do work in pieces, as long as `work` returns true, once what plays has moved, and where there is time to spare. */
 export async function later(work) {
   await moved();
   const idle = globalThis.requestIdleCallback ?? setTimeout;
-  const goOn = () => idle(() => work() && goOn(), { timeout: LATEST });
+  const goOn = () => idle(() => work() === true && goOn(), { timeout: LATEST });
   goOn();
 }

@@ -200,9 +200,7 @@ function complain(message) {
   bringIntoSight("message");
 }
 
-function bringIntoSight(id) {
-  $(id).scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });  // a promise, in newer browsers
-}
+const bringIntoSight = (id) => $(id).scrollIntoView({ block: "nearest", behavior: calm() ? "auto" : "smooth" });
 
 /** Plan what is on the pan: soon any way, and then the best way there is time for. */
 async function plan() {
