@@ -165,12 +165,29 @@ def _run_name(config: AnyConfig) -> str:
 
 
 def _device(device: Device) -> str:
+    """Return where to train: on a GPU only if the law runs there.
+
+    Raises:
+        InputError: it was asked for, and there is none or the law does not run on it.
+    """
     import torch
 
     if device is Device.AUTO:
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    if device is Device.CUDA and not torch.cuda.is_available():
+        device = Device.CUDA if torch.cuda.is_available() else Device.CPU
+    elif device is Device.CUDA and not torch.cuda.is_available():
         raise InputError("--device cuda: torch finds no CUDA device here; use --device cpu")
+    if device is Device.CUDA:
+        from train.physics.rollout import STATE, rollout
+
+        try:
+            one = torch.ones(1, dtype=torch.float64, device="cuda")
+            rollout(one.new_zeros(1, STATE), one.new_zeros(1, 1, 3), one, one)
+        except Exception as error:  # of torch, of numba, or of whatever numba compiles with
+            told = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+            raise InputError(
+                f"--device cuda: the law of friction does not run on the GPU ({told}); numba's part for it is the "
+                "package numba-cuda, which may want an older NumPy. Or use --device cpu"
+            ) from error
     return device.value
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from runtime.errors import InputError
-from train.network.config import Finish, TrainConfig
+from train.network.config import Restart, TrainConfig
 from train.paper.config import PaperConfig
 
 AnyConfig = TrainConfig | PaperConfig
@@ -32,11 +32,14 @@ CONFIGURATIONS: dict[str, AnyConfig] = {
         families=MIX,
         level=0.47,
         units=384,
-        epochs=210,
-        eased=0.05,
-        disturbed_from=0.19,
-        asked_from=0.32,
-        finish=Finish(after=0.67, learning_rate=1.2e-3, gamma=0.1, robust=0.07),
+        epochs=290,
+        eased=0.035,
+        disturbed_from=0.14,
+        asked_from=0.23,
+        restarts=(
+            Restart(after=0.48, learning_rate=1.2e-3, gamma=0.1, robust=0.07),
+            Restart(after=0.72, learning_rate=8e-4, gamma=0.06, robust=0.035),
+        ),
         trajectories=16_384,
         batch=128,
         optimizer="muon",

@@ -41,6 +41,8 @@ class RunConfig(BaseModel):
     precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
     threads: Count = Field(2, description="CPU threads of each process; resuming bit for bit needs the same number")
 
+    workers: Count = Field(1, description="processes beside each that draw its batches; on a GPU, several keep up")
+
     @model_validator(mode="after")
     def _batch_fits(self) -> Self:
         if self.batch > self.trajectories:

@@ -11,9 +11,10 @@ import time
 from pathlib import Path
 
 import pytest
+import torch
 
 from runtime.network.bundle import SHIPPED
-from train.cli import name_and_path
+from train.cli import name_and_path, train_main
 
 
 def call(program, *arguments, folder):
@@ -45,6 +46,17 @@ def test_finished_run_resumes_to_the_same_answer(folder):
     done = call("slide-train", "smoke", "--resume", "runs/smoke", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["epochs"] == 10
+
+
+@pytest.mark.skipif(torch.version.cuda is not None, reason="torch could use a GPU")
+def test_gpu_on_which_the_law_does_not_run_is_refused(program, monkeypatch, tmp_path):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    for device in ("cuda", "auto"):
+        code, _, said = program(train_main, "slide-train")("smoke", "--device", device, "-o", tmp_path / "run")
+        assert (code, len(said.strip().splitlines())) == (2, 1)
+        assert "does not run on the GPU" in said
+        assert "--device cpu" in said
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,8 @@ def test_named_configurations_are_the_ones_promised():
         ("batch", 100_000),
         ("precision", "float8"),
         ("average", 1.0),
+        ("workers", 0),
+        ("restarts", [{"after": share, "learning_rate": 1e-3, "gamma": 0.1, "robust": 0.1} for share in (0.6, 0.5)]),
     ],
 )
 def test_bad_value_is_refused_by_name(tmp_path, key, value):

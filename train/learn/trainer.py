@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel
+from torch.utils.data import DataLoader, Dataset
 from torch.utils.tensorboard import SummaryWriter
 
 from runtime.errors import InputError, OutputError, SlideError
@@ -31,7 +32,7 @@ SKIP_WINDOW = 100
 SKIP_LIMIT = 20
 """More skipped steps than this in the window end the run: the weights are beyond recovery."""
 
-OF_THE_MACHINE = {"threads", "precision"}
+OF_THE_MACHINE = {"threads", "precision", "workers"}
 """Keys of a configuration that a resumed run may change: they say how it is computed, not what is learned."""
 
 
@@ -50,6 +51,17 @@ class Progress(NamedTuple):
     tracking: float
     pan_reach: float
     skipped: int
+
+
+class Draws(Dataset[tuple[int, Any]]):
+    """What a process draws, by the number of the step."""
+
+    def __init__(self, recipe: Recipe, steps: int, rows: slice) -> None:
+        self.recipe, self.steps, self.rows = recipe, steps, rows
+
+    def __getitem__(self, step: int) -> tuple[int, Any]:
+        """Return the number and this process's share of the step's batch."""
+        return step, self.recipe.draw(step, self.steps, self.rows)
 
 
 class Trainer:
@@ -101,9 +113,10 @@ class Trainer:
         """
         purge = self.epoch * self.steps_per_epoch
         scalars = SummaryWriter(str(self.run / "tensorboard"), purge_step=purge) if rank() == 0 else nullcontext()
-        with scalars as writer, ThreadPoolExecutor(1) as pool:
+        with scalars as writer:
+            batches = self._batches()
             while self.epoch < self.config.epochs:
-                for step, drawn in self._batches(pool):
+                for step, drawn in islice(batches, self.steps_per_epoch):
                     progress = self.step(step, drawn)
                     if writer is not None:
                         report(progress)
@@ -119,22 +132,15 @@ class Trainer:
             writer.add_scalar(f"validation/{name}", value, self.epoch * self.steps_per_epoch)
         self.save()
 
-    def _batches(self, pool: ThreadPoolExecutor) -> Iterator[tuple[int, Any]]:
-        """Yield one epoch's steps; the next batch is drawn in another thread while the network works on this one.
+    def _batches(self) -> Iterator[tuple[int, Any]]:
+        """Yield the steps to come; batches are drawn ahead in other processes while the network works on this one.
 
         Everything random about a step follows from (seed, step), so a resumed run draws what it would have drawn.
         """
-
-        def draw_step(step: int) -> tuple[int, Any]:
-            return step, self.recipe.draw(step, self.steps, self.share)
-
-        first = self.epoch * self.steps_per_epoch
-        pending = pool.submit(draw_step, first)
-        for step in range(first, first + self.steps_per_epoch):
-            drawn = pending.result()
-            if step + 1 < first + self.steps_per_epoch:
-                pending = pool.submit(draw_step, step + 1)
-            yield drawn
+        steps = range(self.epoch * self.steps_per_epoch, self.steps)
+        draws = Draws(self.recipe, self.steps, self.share)
+        # A dataset's length is never asked for: the sampler names the steps.
+        yield from DataLoader(draws, sampler=steps, batch_size=None, num_workers=self.config.workers)
 
     def step(self, step: int, drawn: Any) -> Progress:
         """Take one step of the optimizer; a gradient that is not finite skips it.

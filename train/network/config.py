@@ -16,8 +16,8 @@ RANGES = ("samples", "reach", "far", "speed", "pan_reach", "acceleration", "stre
 """Pairs of which the first is the lowest and the second the highest."""
 
 
-class Finish(BaseModel):
-    """The last part of a run: the learning rate rises and falls once more, at other prices."""
+class Restart(BaseModel):
+    """A later part of a run: the learning rate rises and falls once more, at other prices."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -38,7 +38,7 @@ class TrainConfig(RunConfig):
     features: Count = Field(384, description="units of the decoder's tanh layer")
 
     warm_up: Count = Field(50, description="steps in which the learning rate comes to its own")
-    finish: Finish | None = Field(None, description="how the run ends, if not as it went on")
+    restarts: tuple[Restart, ...] = Field((), description="parts of the run after the first, in their order")
     eased: Share = Field(0.08, description="share of the run in which friction grows from a twentieth to all of it")
     disturbed_from: Share = Field(0.3, description="share of the run after which trajectories are disturbed")
     asked_from: Share = Field(0.5, description="share of the run after which decoders are asked early")
@@ -89,9 +89,8 @@ class TrainConfig(RunConfig):
 
     def at(self, progress: float) -> TrainConfig:
         """Return the configuration in force after this share of the run."""
-        if self.finish is None or progress < self.finish.after:
-            return self
-        return self.model_copy(update=self.finish.model_dump(exclude={"after"}))
+        begun = [restart for restart in self.restarts if restart.after <= progress]
+        return self.model_copy(update=begun[-1].model_dump(exclude={"after"})) if begun else self
 
     @model_validator(mode="after")
     def _consistent(self) -> TrainConfig:
@@ -102,6 +101,11 @@ class TrainConfig(RunConfig):
             raise ValueError(f"kinetic: {self.kinetic[1]:g} times the static friction exceeds it")
         if self.batch % GROUPS:
             raise ValueError(f"batch: {self.batch} trajectories are not {GROUPS} equal parts")
+        after = [restart.after for restart in self.restarts]
+        if after != sorted(set(after)):
+            raise ValueError(
+                f"restarts: each must be after the one before, got {', '.join(f'{each:g}' for each in after)}"
+            )
         unknown = sorted(set(self.families) - set(FAMILIES))
         if unknown:
             raise ValueError(f"families: unknown {', '.join(unknown)}; known are {', '.join(FAMILIES)}")

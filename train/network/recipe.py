@@ -8,6 +8,7 @@ before their chunk has ended.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -70,12 +71,15 @@ class NetworkRecipe:
         )
 
     def learning_rate(self, step: int, steps: int) -> float:
-        """Return the learning rate: it rises in `warm_up` steps and falls, and does so once more to finish."""
-        config, finish = self.config, self.config.finish
-        began = steps if finish is None else round(finish.after * steps)
-        since, length = (step, began) if step < began else (step - began, steps - began)
-        decayed = cosine_decay(config.at(step / steps).learning_rate, config.final_learning_rate, since / length)
-        return decayed * min(1.0, (since + 1) / config.warm_up)
+        """Return the learning rate: in each part of the run it rises in `warm_up` steps and falls."""
+        config = self.config
+        parts = [0, *(math.ceil(restart.after * steps) for restart in config.restarts), steps]
+        began = max(part for part in parts if part <= step)
+        ends = min(part for part in parts if part > step)
+        decayed = cosine_decay(
+            config.at(step / steps).learning_rate, config.final_learning_rate, (step - began) / (ends - began)
+        )
+        return decayed * min(1.0, (step - began + 1) / config.warm_up)
 
     def draw(self, step: int, steps: int, rows: slice) -> Part:
         """Draw the groups that the rows belong to.

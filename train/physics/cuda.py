@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 from numba import cuda
 from torch import Tensor
 
 from train.physics.kernels import make_rollout
+
+# numba finds a few hundred threads few for a GPU; they are as many as there are trajectories.
+warnings.filterwarnings("ignore", message=".*Grid size .* will likely result in GPU under-utilization")
 
 THREADS_PER_BLOCK = 32
 """One warp: batches are a few hundred trajectories at most, better spread over the multiprocessors."""

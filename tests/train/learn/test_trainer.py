@@ -57,6 +57,16 @@ def test_resumed_run_is_the_same_to_the_last_bit(smoke_run):
             assert torch.equal(tensor, again[part][name]), (part, name)
 
 
+def test_several_workers_draw_what_one_draws(smoke_run, tmp_path):
+    folder, _ = smoke_run
+    shutil.copytree(folder / "half", tmp_path / "run")
+    trainer = Trainer(load_config("smoke").model_copy(update={"workers": 3}), tmp_path / "run")
+    trainer.resume(load_checkpoint(tmp_path / "run"))
+    trainer.train()
+    whole, again = load_checkpoint(folder / "whole"), load_checkpoint(tmp_path / "run")
+    assert all(torch.equal(tensor, again["model"][name]) for name, tensor in whole["model"].items())
+
+
 def test_resume_of_another_configuration_is_refused_and_the_difference_named(smoke_run):
     folder, _ = smoke_run
     other = Trainer(load_config("smoke", seed=5), folder / "half")

@@ -12,7 +12,7 @@ from train.config import load_config
 from train.learn.checkpoint import load_checkpoint
 from train.learn.optimizer import Optimizer
 from train.learn.trainer import Trainer
-from train.network.config import Finish
+from train.network.config import Restart
 from train.network.recipe import NetworkRecipe, load_network
 
 
@@ -82,32 +82,35 @@ def test_network_is_read_from_its_checkpoint_and_from_no_other(smoke_run, tmp_pa
         load_network(load_checkpoint(tmp_path))
 
 
-FINISH = Finish(after=0.6, learning_rate=1e-3, gamma=0.1, robust=0.07)
+RESTART = Restart(after=0.6, learning_rate=1e-3, gamma=0.1, robust=0.07)
+LAST = Restart(after=0.8, learning_rate=5e-4, gamma=0.05, robust=0.0)
 
 
-def test_learning_rate_rises_and_falls_once_more_to_finish():
-    changes = {"warm_up": 4, "learning_rate": 2e-3, "finish": FINISH}
+def test_learning_rate_rises_and_falls_in_each_part_of_a_run():
+    changes = {"warm_up": 4, "learning_rate": 2e-3, "restarts": (RESTART, LAST)}
     recipe = NetworkRecipe(load_config("smoke").model_copy(update=changes))
     rates = [recipe.learning_rate(step, 1000) for step in range(1000)]
     assert rates[3] == max(rates) == pytest.approx(2e-3, rel=1e-3)
     assert rates[603] == max(rates[600:]) == pytest.approx(1e-3, rel=1e-3)
-    for first, last in ((3, 600), (603, 1000)):
+    assert rates[803] == max(rates[800:]) == pytest.approx(5e-4, rel=1e-3)
+    for first, last in ((3, 600), (603, 800), (803, 1000)):
         assert rates[first:last] == sorted(rates[first:last], reverse=True)
         assert rates[last - 1] == pytest.approx(recipe.config.final_learning_rate, rel=0.1)
 
 
-def test_prices_change_to_finish():
-    config = load_config("smoke").model_copy(update={"finish": FINISH})
-    drawn = [NetworkRecipe(config).draw(step, 10, slice(0, 16)).config for step in (0, 5, 6, 9)]
-    assert [(each.gamma, each.robust) for each in drawn] == [(config.gamma, config.robust)] * 2 + [(0.1, 0.07)] * 2
+def test_prices_change_with_each_part():
+    config = load_config("smoke").model_copy(update={"restarts": (RESTART, LAST)})
+    drawn = [NetworkRecipe(config).draw(step, 10, slice(0, 16)).config for step in (0, 5, 6, 7, 8, 9)]
+    prices = [(config.gamma, config.robust)] * 2 + [(0.1, 0.07)] * 2 + [(0.05, 0.0)] * 2
+    assert [(each.gamma, each.robust) for each in drawn] == prices
 
 
 def test_price_on_changes_of_acceleration_is_that_of_the_step():
     """Of one batch, once with and once without it."""
-    free = FINISH.model_copy(update={"gamma": 0.0})
+    free = RESTART.model_copy(update={"gamma": 0.0})
     losses = []
-    for finish in (FINISH, free):
-        recipe = NetworkRecipe(load_config("smoke").model_copy(update={"finish": finish}))
+    for restart in (RESTART, free):
+        recipe = NetworkRecipe(load_config("smoke").model_copy(update={"restarts": (restart,)}))
         part = recipe.draw(9, 10, slice(0, 16))
         losses.append(recipe.outcome(recipe.decoding(recipe.build()), part, torch.device("cpu")).loss.item())
     assert losses[0] > losses[1]

@@ -203,3 +203,26 @@ print("same")
         check=False,
     )
     assert done.stdout.strip() == "same", done.stderr
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_gpu_gives_the_same_motion_and_gradient():
+    rng = np.random.default_rng(1)
+    static = rng.uniform(0.05, 1.5, 768)
+    drawn = (
+        rng.normal(0, 0.2, (768, 10)) * rng.integers(0, 2, (768, 1)),
+        rng.normal(0, 9, (768, 64, 3)).clip(-4, None),
+        static,
+        static * rng.uniform(0.4, 1.0, 768),
+        rng.uniform(5, 60, 768),
+        rng.normal(0, 1, (768, 64, 10)),
+    )
+    found = []
+    for device in ("cpu", "cuda"):
+        start, u, static, kinetic, gravity, grad = (torch.from_numpy(part).to(device) for part in drawn)
+        start, u = start.requires_grad_(), u.requires_grad_()
+        states = rollout(start, u, static, kinetic, gravity)
+        states.backward(grad)
+        found.append([each.detach().cpu() for each in (states, start.grad, u.grad)])
+    for on_cpu, on_gpu in zip(*found, strict=True):
+        assert (on_cpu - on_gpu).abs().max() < 1e-12 * max(1.0, on_cpu.abs().max().item())
