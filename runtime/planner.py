@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from runtime.assess.assess import assess
+from runtime.assess.several import SEVERAL, follows_badly
 from runtime.assess.sureness import friction_off_errors, friction_range
 from runtime.assess.training_range import beyond_training
 from runtime.command import Command
@@ -24,9 +25,9 @@ from runtime.network.job import Job
 from runtime.network.reach import with_reach
 from runtime.network.reader import chunk_samples
 from runtime.physics.compiled import check_compiler
-from runtime.physics.motion import Motion
+from runtime.physics.motion import Motion, tracking_error
 from runtime.plan import Plan
-from runtime.refine.candidates import best_candidate
+from runtime.refine.candidates import best_candidate, better_candidate
 from runtime.refine.refine import ROBUST, Effort, kernels, refine
 from runtime.safety.pan import Pan
 from runtime.safety.rest import stop_after
@@ -36,9 +37,6 @@ from runtime.stream import OBJECT_NOISE, REST_TOLERANCE, Stream
 
 DEFAULT_BUNDLE = SHIPPED / "default"
 """The bundle that plans where none is named."""
-
-REFINED_FROM = 8
-"""Candidates that a refined plan is begun from: twice as many gain a tenth more, and take as long again."""
 
 MOST_CANDIDATES = 256
 
@@ -98,8 +96,9 @@ class Planner:
             start: where pan and object are; at rest, the pan in the middle, the object on its mark, if None.
             sizes: radii of pan and object, for what is off the pan; the manifest's if None.
             tolerance: tracking RMSE (m) that the plan is held against, also under other friction; see `FrictionRange`.
-            candidates: how many plans to make, of the command turned and mirrored, and to keep the best of, by the law;
-                1 if None, REFINED_FROM where a plan is refined.
+            candidates: how many plans to make, of the command turned and mirrored, and to keep the best of, by the law.
+                If None, SEVERAL of `runtime.assess.several` where the one plan of a command of up to about 4 s is bad
+                (`follows_badly`) or the plan is refined, 1 elsewhere; `quality.notes` says so if another plan was kept.
             robust: share by which the friction may be off, to judge candidates and refinement by: by the mean over
                 the friction planned for and the four with each coefficient lower or higher by as much. 0 judges by
                 the friction planned for alone. If None, 0 for candidates, and ROBUST of `runtime.refine.refine` where
@@ -121,13 +120,18 @@ class Planner:
         job = Job(_command(position), *self._defaults(friction, limits, start, sizes))
         share = _share(robust)
         effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share)
-        count = _candidates(candidates, 1 if effort is None else REFINED_FROM)
+        count = _candidates(candidates, 1 if effort is None else SEVERAL)
         held = _tolerance(tolerance)
-        job = with_reach(job)
-        motion, ahead = best_candidate(self.bundle, job, count, effort.robust if effort is not None else share or 0.0)
+        job, judged = with_reach(job), share or 0.0
+        remarks: tuple[str, ...] = ()
         if effort is not None:
+            motion, ahead = best_candidate(self.bundle, job, count, effort.robust)
             motion, ahead = self._refined(job, motion, effort) or (motion, ahead)
-        return self._plan(job, motion, ahead, held)
+        else:
+            motion, ahead = best_candidate(self.bundle, job, count, judged)
+            if candidates is None:
+                motion, ahead, remarks = self._better_if_bad(job, motion, ahead, judged)
+        return self._plan(job, motion, ahead, held, remarks=remarks)
 
     def plan_batch(
         self,
@@ -139,7 +143,7 @@ class Planner:
         sizes: Sizes | Sequence[Sizes] | None = None,
         tolerance: float | None = None,
     ) -> list[Plan]:
-        """Plan for many commands at once: those with equally many chunks share the network's batch axis.
+        """Plan for many commands at once, each once: those with equally many chunks share the network's batch axis.
 
         Args:
             positions: commands or position arrays, as for `plan`; lengths may differ.
@@ -147,7 +151,7 @@ class Planner:
             tolerance: as for `plan`.
 
         Returns:
-            The plans, in the order of the commands.
+            The plans, in the order of the commands. A bad one is not made better: `plan(candidates=None)` does that.
 
         Raises:
             InputError: as for `plan`; a command is named by its index.
@@ -228,6 +232,20 @@ class Planner:
             _value(sizes, manifest.sizes, "sizes"),
         )
 
+    def _better_if_bad(
+        self, job: Job, motion: Motion, ahead: Pan, robust: float
+    ) -> tuple[Motion, Pan, tuple[str, ...]]:
+        """Return the best of SEVERAL plans where the one plan is bad, with a remark; that one elsewhere."""
+        command = job.command.position
+        rmse, _ = tracking_error(motion.sliding[: len(command), :2], command)
+        if not follows_badly(rmse, motion.sliding[0], command, job.friction, job.limits):
+            return motion, ahead, ()
+        better = better_candidate(self.bundle, job, (motion, ahead), SEVERAL, robust)
+        if better is None:
+            return motion, ahead, ()
+        remark = f"the best of {SEVERAL} plans: that of the command as it is has a tracking RMSE of {rmse:.4g} m"
+        return *better, (remark,)
+
     def _refined(self, job: Job, motion: Motion, effort: Effort) -> tuple[Motion, Pan] | None:
         """Return one command's motion refined and the pan at its end, None if that makes it no better."""
         return refine(
@@ -247,6 +265,7 @@ class Planner:
         ahead: Pan,
         tolerance: float | None,
         friction_off_rmse: float | None = None,
+        remarks: tuple[str, ...] = (),
     ) -> Plan:
         """Cut a motion back to the command's K samples, bring it to rest, and judge it.
 
@@ -256,6 +275,7 @@ class Planner:
             ahead: the pan at its end.
             tolerance: as for `plan`.
             friction_off_rmse: as for `assess`.
+            remarks: what else is to be said of it.
         """
         manifest, command, samples = self.bundle.manifest, job.command.position, len(job.command)
         stop = stop_after(motion, samples, ahead, command[-1], job.friction)
@@ -272,7 +292,7 @@ class Planner:
             if tolerance is None
             else friction_range(motion, command, job.friction, tolerance, manifest.trained_on),
             beyond_training(manifest, job),
-            remarks=(*job.command.remarks, *job.command.notes),
+            remarks=(*remarks, *job.command.remarks, *job.command.notes),
             friction_off_rmse=friction_off_rmse,
         )
         return Plan.of(motion, stop, command, job.friction, quality, manifest.name, self.bundle.sha256, job.sizes)

@@ -12,7 +12,7 @@ import typer
 
 from benchmarks.harness.tables import print_tables, table
 from benchmarks.suite.families import lengths
-from benchmarks.suite.outcome import PlanFunction, measured_states, network
+from benchmarks.suite.outcome import PlanFunction, measured_states, one_by_one
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM, AsJson, print_json, run, say
 from runtime.documents.checks import FloatArray
@@ -84,7 +84,7 @@ def main(
     """Plan the suite under nominal friction, draw the worst commands, and say what they have in common."""
     if output is not None:
         check_writable(output)
-    tracked = track(network(Planner(model)), [name for name in FAMILIES if name != "friction"])
+    tracked = track(one_by_one(Planner(model)), [name for name in FAMILIES if name != "friction"])
     worst, traits = tracked[:WORST], compare(tracked)
     if output is not None:
         with extra("report"):

@@ -24,7 +24,7 @@ from benchmarks.sections.on_pans import PAN_TARGETS, OnPans, on_pans, pans_table
 from benchmarks.sections.parts import Part, measure_parts
 from benchmarks.suite.drawings import drawings
 from benchmarks.suite.families import FRICTION_GRID
-from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, network, plan_family
+from benchmarks.suite.outcome import PAN_REACH, Outcome, PlanFunction, one_by_one, plan_family
 from benchmarks.suite.pans import DRAWINGS, tasks
 from benchmarks.suite.suite import FAMILIES, suite
 from runtime.cli.console import MM
@@ -72,7 +72,7 @@ class Figures:
         acceleration_mean: mean over the commands of mean |u| (m/s^2).
         change_mean: mean over the commands of mean |u[k] - u[k-1]| (m/s^2).
         no_better_than_unmoved: number of commands tracked no better than by a pan that never moves.
-        samples_per_second: samples planned per second of planning time.
+        samples_per_second: samples planned per second of planning time, each command by itself.
     """
 
     commands: int
@@ -155,8 +155,8 @@ def measure_accuracy(subject: Subject, settings: AccuracySettings) -> Measured:
 
 
 def plan_one(planner: Planner, name: str, commands: int | None) -> Outcome:
-    """Plan a family."""
-    return plan_family(network(planner), suite([name], commands)[name])
+    """Plan a family, each command by itself."""
+    return plan_family(one_by_one(planner), suite([name], commands)[name])
 
 
 def accuracy_of(plan: PlanFunction, settings: AccuracySettings) -> Accuracy:

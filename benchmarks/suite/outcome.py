@@ -26,9 +26,6 @@ PlanFunction = Callable[[Sequence[FloatArray], Sequence[Friction]], Sequence[Flo
 PAN_REACH = 0.21
 """Pan reach up to which a plan counts as within its limit of 0.2 m (m)."""
 
-BATCH = 64
-"""Commands handed to the network at once."""
-
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
@@ -55,22 +52,10 @@ class Outcome:
     planning_time: float
 
 
-def network(planner: Planner, batch: int = BATCH) -> PlanFunction:
-    """Return the network as a plan function, `batch` commands at a time; it is not told the friction it decodes in."""
-
-    def plan(positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
-        accelerations: list[FloatArray] = []
-        for begin in range(0, len(positions), batch):
-            some = slice(begin, begin + batch)
-            plans = planner.plan_batch(positions[some], friction=frictions[some])
-            accelerations += [plan.pan_acceleration[:, :2] for plan in plans]
-        return accelerations
-
-    return plan
-
-
 def one_by_one(planner: Planner, refine_ms: float | None = None, robust: float | None = None) -> PlanFunction:
-    """Return the network as a plan function that plans each command alone, as a user with one command would.
+    """Return the network as a plan function that plans each command by itself, as a user with one command would.
+
+    A command whose plan is bad is then planned several ways: see `Planner.plan`.
 
     Args:
         planner: of the bundle; it is told the friction.

@@ -154,14 +154,14 @@ class Followed:
 
 
 def follow(planner: Planner, task: Task, commands: int | None, candidates: int | None = None) -> Followed | None:
-    """Plan a task's commands, told the friction, and see what they lead to; None if the object cannot slide."""
+    """Plan a task's commands, told the friction, and see what they lead to; None if the object cannot slide.
+
+    Each is planned by itself, by so many candidates: several where one plan is bad if None, as users do.
+    """
     if cannot_slide(task):
         return None
     positions, friction, limits = task.positions(commands), task.friction, task.limits
-    if candidates is None:
-        plans = planner.plan_batch(positions, friction, limits=limits)
-    else:
-        plans = [planner.plan(position, friction, limits=limits, candidates=candidates) for position in positions]
+    plans = [planner.plan(position, friction, limits=limits, candidates=candidates) for position in positions]
     planned = [plan.pan_acceleration for plan in plans]
     changed = sum(plan.quality.governed.samples for plan in plans if plan.quality.governed is not None)
     return summary(positions, planned, friction, changed / sum(map(len, planned)))
@@ -227,7 +227,7 @@ class Disturbed:
 def disturb(planner: Planner, task: Task, commands: int | None) -> Disturbed:
     """Plan a task's commands, and disturb what they lead to."""
     positions, friction, limits = task.positions(commands), task.friction, task.limits
-    nominal = [plan.pan_acceleration for plan in planner.plan_batch(positions, friction, limits=limits)]
+    nominal = [planner.plan(each, friction, limits=limits).pan_acceleration for each in positions]
     compiled = compiler() is not None
     best, robust, refined = (
         [
@@ -285,8 +285,8 @@ def _off(positions: Sequence[FloatArray], planned: Sequence[FloatArray], frictio
 
 def _under(planner: Planner, positions: Sequence[FloatArray], friction: Friction, limits: Limits) -> float:
     """Return the mean tracking RMSE (m) of plans for a friction under it."""
-    plans = planner.plan_batch(positions, friction, limits=limits)
-    return float(tracking(positions, [plan.pan_acceleration for plan in plans], friction).mean())
+    planned = [planner.plan(each, friction, limits=limits).pan_acceleration for each in positions]
+    return float(tracking(positions, planned, friction).mean())
 
 
 def _slower(position: FloatArray, times: int) -> FloatArray:

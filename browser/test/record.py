@@ -166,7 +166,7 @@ def plans(rng: np.random.Generator, planner: Planner, count: int) -> list[Case]:
                 object_position=tuple((position[0] + 0.004).tolist()),
                 object_velocity=(0.01, -0.02),
             )
-        plan = planner.plan(position, friction, limits=limits, start=start)
+        plan = planner.plan(position, friction, limits=limits, start=start, candidates=1)
         cases.append(
             {
                 "limits": name,

@@ -94,7 +94,7 @@ def assess(
     changes = _count_changes(u, asked, limits)
     changed = _changed(changes, len(u))
     many = changes.samples > FEW * len(u)
-    still = _still_error(sliding[0], len(u), command_position, friction)
+    still = still_error(sliding[0], len(u), command_position, friction)
     rest = math.dist(slide_to_rest(motion.sliding[-1], stop, friction), command_position[-1])
     off_pan = {"command": find_off_pan(command_position, sizes), "object": find_off_pan(sliding[:, :2], sizes)}
     notes = {
@@ -201,7 +201,7 @@ def _over_rim(off_pan: Mapping[str, OffPan | None], sizes: Sizes) -> list[str]:
     return lines
 
 
-def _still_error(start: FloatArray, samples: int, command_position: FloatArray, friction: Friction) -> float:
+def still_error(start: FloatArray, samples: int, command_position: FloatArray, friction: Friction) -> float:
     """Return the tracking RMSE (m) on a pan that never moves, of an object that starts at (4,)."""
     position = start[None, :2]
     if start[2:].any():

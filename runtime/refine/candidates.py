@@ -7,6 +7,7 @@ command, and the best of several is better than one.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -41,12 +42,38 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
     """
     if count == 1:
         return decode_all(bundle, [job])[0]
-    turns = [_turn(index, count) for index in range(count)]
-    jobs = [job] + [_turned(job, turn) for turn in turns[1:]]
-    shares = shares_about(job.reach_used)
+    turns, shares = _turns(count), shares_about(job.reach_used)
+    jobs = [job, *(_turned(job, turn) for turn in turns[1:])]
     jobs = [each._replace(reach_used=shares[index % len(shares)]) for index, each in enumerate(jobs)]
-    decoded = decode_all(bundle, jobs)
-    first, ahead = decoded[0]
+    return _best(job, decode_all(bundle, jobs), turns, robust)
+
+
+def better_candidate(
+    bundle: Bundle, job: Job, lone: tuple[Motion, Pan], count: int, robust: float
+) -> tuple[Motion, Pan] | None:
+    """Plan a command turned and mirrored whose plan as it is is there, and bad.
+
+    All have the share of the reach of that one: they are one batch then, and where a plan is bad they gain more.
+
+    Args:
+        bundle, job, robust: as for `best_candidate`.
+        lone: the command's plan as it is, and the pan at its end.
+        count: number of candidates, that one among them.
+
+    Returns:
+        The best motion, and the pan at its end; None if that is the lone plan.
+    """
+    turns = _turns(count)
+    others = decode_all(bundle, [_turned(job, turn) for turn in turns[1:]])
+    best = _best(job, [lone, *others], turns, robust)
+    return None if best is lone else best
+
+
+def _best(
+    job: Job, decoded: Sequence[tuple[Motion, Pan]], turns: Sequence[FloatArray], robust: float
+) -> tuple[Motion, Pan]:
+    """Return the plan that tracks best by the law, turned back; the first is of the job as it is."""
+    first, _ = decoded[0]
     samples, sliding = len(job.command), first.sliding[0]
     frictions = expected(job.friction, robust)
     errors = [
@@ -55,7 +82,7 @@ def best_candidate(bundle: Bundle, job: Job, count: int, robust: float) -> tuple
     ]
     best = int(np.argmin(errors))
     if best == 0:
-        return first, ahead
+        return decoded[0]
     (motion, after), turn = decoded[best], turns[best]
     u, asked = (_back(each, turn) for each in (motion.acceleration, motion.asked))
     pan = integrate_pan(first.pan[0], u)
@@ -73,8 +100,15 @@ def _back(u: FloatArray, turn: FloatArray) -> FloatArray:
     return np.concatenate([u[:, :2] @ turn, u[:, 2:]], axis=1)
 
 
+def _turns(count: int) -> list[FloatArray]:
+    """Return the (2, 2) matrices of candidates: half of them turned by even angles, the other half mirrored too.
+
+    The first changes nothing.
+    """
+    return [_turn(index, count) for index in range(count)]
+
+
 def _turn(index: int, count: int) -> FloatArray:
-    """Return the (2, 2) matrix of a candidate: half of them turned by even angles, the other half mirrored too."""
     turned = -(-count // 2)
     angle = 2.0 * math.pi * (index % turned) / turned
     cos, sin = math.cos(angle), math.sin(angle)

@@ -9,6 +9,8 @@ Short jobs and long ones wait in lanes of their own and are planned side by side
 has had the least time. What a batch takes is bounded by its chunks, and what its plans take by the bytes that finished
 ones may hold until they are read: the process waits for those who read, each client for itself.
 
+A job of `POST /plan` whose plan is bad is planned once more, several ways, among the long jobs.
+
 A process that ends, or is at one batch for too long, is replaced. What it was planning then has failed, and what waits
 is sent away: a new one takes a second to be ready, for it loads what the first one has compiled. That one does nothing
 else, and gives back the memory that compiling takes.
@@ -55,6 +57,11 @@ class WrittenPlan(NamedTuple):
         """Bytes of the plan."""
         return sum(map(len, self.body))
 
+    def after(self, first: WrittenPlan) -> WrittenPlan:
+        """Return this plan with the time that the one before it took, too."""
+        times = (before + own for before, own in zip(first[1:], self[1:], strict=True))
+        return WrittenPlan(self.body, *times)
+
 
 @dataclass(eq=False)
 class QueuedJob:
@@ -63,20 +70,24 @@ class QueuedJob:
     Attributes:
         client: who asked for it.
         job: what is to be planned.
+        npz: whether the plan is written as npz.
         size: of the plan, at most (bytes).
         place: in the queue.
         result: what comes of it.
         unread: the bytes that the plan holds, from its turn until it is read.
         entered: when it began to wait (s, of the monotonic clock).
+        lone: its plan, if that is bad and it is being planned several ways.
     """
 
     client: str
     job: ReadJob
+    npz: bool
     size: int
     place: Lease
     result: asyncio.Future[WrittenPlan]
     unread: Lease | None = None
     entered: float = field(default_factory=time.perf_counter)
+    lone: WrittenPlan | None = None
 
     @property
     def started(self) -> bool:
@@ -190,7 +201,7 @@ class Dispatcher:
         """
         place = self._places.take(client)
         size = PLAN_BYTES + job.rows * (NPZ_ROW_BYTES if npz else ROW_BYTES)
-        queued = QueuedJob(client, job, size, place, asyncio.get_running_loop().create_future())
+        queued = QueuedJob(client, job, npz, size, place, asyncio.get_running_loop().create_future())
         queued.result.add_done_callback(partial(self._leave_queue, queued))
         self._set_queue(*self._queue, queued)
         return queued
@@ -256,7 +267,7 @@ class Dispatcher:
                     await self._plan(child, lane, batch)
             finally:
                 for one in batch:
-                    if not one.result.done():
+                    if not one.result.done() and one.lone is None:
                         one.drop(Problem("failed", "the planning process ended"))
 
     def _lost(self) -> None:
@@ -317,7 +328,11 @@ class Dispatcher:
             self._metrics.queue_time.observe(waited)
             if isinstance(reply, PlanReply):
                 self._metrics.plan(reply, one.job.samples)
-                one.finish(WrittenPlan(body, waited, reply.encode, reply.decode, reply.write))
+                written = WrittenPlan(body, waited, reply.encode, reply.decode, reply.write)
+                if reply.bad:
+                    self._plan_several_ways(one, written)
+                else:
+                    one.finish(written)
             elif reply.error is not None:
                 one.finish(for_input(reply.error))
             else:
@@ -326,6 +341,30 @@ class Dispatcher:
         for one in batch:
             lane.turns.charge(one.client, taken / len(batch))
         lane.busy_since = None
+
+    def _plan_several_ways(self, one: QueuedJob, lone: WrittenPlan) -> None:
+        """Queue a job whose plan is bad among the long ones; that plan is its result where there is no room or time.
+
+        So no request is refused for it, and what it costs was known before: `ReadJob.chunks_of_several`.
+        """
+        assert one.unread is not None
+        one.unread.resize(lone.size)
+        one.lone = lone
+        try:
+            better = self.submit(one.client, one.job.several, one.npz)
+        except Problem:
+            one.finish(lone)
+            return
+        timer = asyncio.get_running_loop().call_later(self._settings.max_wait, better.refuse_unless_started)
+        one.result.add_done_callback(lambda _: better.drop())
+
+        def finish(result: asyncio.Future[WrittenPlan]) -> None:
+            timer.cancel()
+            made = not result.cancelled() and result.exception() is None
+            one.finish(result.result().after(lone) if made else lone)
+            better.drop()
+
+        better.result.add_done_callback(finish)
 
     def _set_queue(self, *jobs: QueuedJob) -> None:
         """Let these jobs wait, and no others."""

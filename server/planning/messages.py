@@ -105,6 +105,7 @@ class PlanJob(NamedTuple):
         given: the command.
         friction, limits, start, sizes, tolerance, candidates, robust, refine_ms: as for `Planner.plan`.
         npz: whether the plan is written as npz; as JSON otherwise.
+        several: whether it is planned several ways where its one plan is bad; once without candidates otherwise.
     """
 
     given: GivenCommand
@@ -117,11 +118,12 @@ class PlanJob(NamedTuple):
     robust: float | None = None
     refine_ms: float | None = None
     npz: bool = False
+    several: bool = False
 
     @property
     def alone(self) -> bool:
         """Whether no other job can be planned together with this one."""
-        return self.candidates is not None or self.refine_ms is not None
+        return self.candidates not in (None, 1) or self.refine_ms is not None
 
 
 class ReadJob(NamedTuple):
@@ -133,6 +135,8 @@ class ReadJob(NamedTuple):
         rows: of its plan, at most.
         chunks: that are planned, of all candidates together; equally many can be planned together.
         key: what jobs that can be planned together have in common; None if this one is planned alone.
+        chunks_of_several: that are planned if it is planned several ways, which it is where its one plan is bad; 0 if
+            it is not.
     """
 
     data: bytes
@@ -140,6 +144,12 @@ class ReadJob(NamedTuple):
     rows: int
     chunks: int
     key: tuple[int, float | None] | None
+    chunks_of_several: int = 0
+
+    @property
+    def several(self) -> ReadJob:
+        """The same job, to be planned several ways."""
+        return self._replace(chunks=self.chunks_of_several, key=None, chunks_of_several=0)
 
     @property
     def lane(self) -> Lane:
@@ -203,6 +213,7 @@ class PlanReply(NamedTuple):
         together: plans made together, said with the first of them; 0 with the others.
         encode, decode: time in the encoder, and in all the rest of the planning, of all made together (s).
         write: time to write this plan (s).
+        bad: whether it should be planned several ways.
     """
 
     lane: Lane
@@ -212,6 +223,7 @@ class PlanReply(NamedTuple):
     encode: float
     decode: float
     write: float
+    bad: bool = False
 
 
 class PlanFailure(NamedTuple):

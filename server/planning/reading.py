@@ -24,6 +24,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from runtime import Command, InputError, Start
+from runtime.assess.several import MOST_CHUNKS, SEVERAL
 from runtime.client.messages import AXES, LEVEL_STREAM_FORMAT, STREAM_FORMAT
 from runtime.network.reader import chunk_samples
 from server import logs
@@ -60,7 +61,7 @@ def plan(options: ReaderOptions, body: bytes, npz: bool = False) -> Steps:
     yield
     command = to_command(asked.command, options.max_samples, "command")
     job = to_job(asked, asked.command.given(), options)._replace(npz=npz)
-    return [_read_job(job, command, options)]
+    return [_read_job(job, command, options, several=job.candidates is None and job.refine_ms is None)]
 
 
 def plans(options: ReaderOptions, body: bytes) -> Steps:
@@ -76,14 +77,18 @@ def plans(options: ReaderOptions, body: bytes) -> Steps:
     return result
 
 
-def _read_job(job: PlanJob, command: Command, options: ReaderOptions) -> ReadJob:
+def _read_job(job: PlanJob, command: Command, options: ReaderOptions, several: bool = False) -> ReadJob:
+    """Return a job and what it costs; it is planned several ways, if that is asked, only where that is allowed."""
     chunks = -(-len(command) // chunk_samples(job.limits)) * (job.candidates or 1)
     if chunks > options.max_chunks and job.candidates is not None:
         detail = f"{job.candidates} candidates have {chunks} chunks together, at most {options.max_chunks} are planned"
         raise InputError(detail, "candidates")
     rows = len(command) + stop_samples(job.limits, job.start)
-    data = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
-    return ReadJob(data, len(command), rows, chunks, None if job.alone else (chunks, job.tolerance))
+    allowed = options.max_candidates >= SEVERAL and SEVERAL * chunks <= options.max_chunks
+    several = several and allowed and chunks <= MOST_CHUNKS
+    data = pickle.dumps(job._replace(several=several), pickle.HIGHEST_PROTOCOL)
+    key = None if job.alone else (chunks, job.tolerance)
+    return ReadJob(data, len(command), rows, chunks, key, SEVERAL * chunks if several else 0)
 
 
 def stream(options: ReaderOptions, body: bytes) -> Steps:

@@ -26,7 +26,8 @@ from queue import SimpleQueue
 import numpy as np
 import orjson
 
-from runtime import BundleError, InputError, MissingExtraError, Plan, Planner, SlideError, Status
+from runtime import BundleError, InputError, Limits, MissingExtraError, Plan, Planner, SlideError, Status
+from runtime.assess.several import follows_badly
 from runtime.compilation import compile_law
 from runtime.documents.checks import FloatArray
 from runtime.network.bundle import Bundle, Float32Array, LstmState
@@ -119,7 +120,7 @@ class Worker:
         """Plan some of a batch together; if that fails, each by itself, so that one does not fail the others."""
         begin, self._bundle.spent.seconds = time.perf_counter(), 0.0
         try:
-            plans = self._plans([batch[index] for index in indices])
+            plans = self._plans(lane, [batch[index] for index in indices])
         except Exception as error:
             if len(indices) > 1:
                 for index in indices:
@@ -137,12 +138,17 @@ class Worker:
             begin = time.perf_counter()
             body = plan.to_npz() if batch[index].npz else as_json(plan)
             write = time.perf_counter() - begin
-            self._channel.send(PlanReply(lane, index, plan.quality.status.value, together, encode, decode, write), body)
+            bad = lane == "short" and batch[index].several and is_bad(plan, batch[index].limits)
+            status = plan.quality.status.value
+            self._channel.send(PlanReply(lane, index, status, together, encode, decode, write, bad), body)
             together = 0
 
-    def _plans(self, jobs: list[PlanJob]) -> list[Plan]:
+    def _plans(self, lane: Lane, jobs: list[PlanJob]) -> list[Plan]:
+        """Plan jobs; among the short ones a job that may be planned several ways is planned once."""
         if len(jobs) == 1:
             options = jobs[0]._asdict()
+            if options["refine_ms"] is None and (lane == "short" or not options["several"]):
+                options["candidates"] = options["candidates"] or 1
             command = jobs[0].given.command()
             return [self._planner.plan(command, jobs[0].friction, **{name: options[name] for name in PLAN_OPTIONS})]
         return self._planner.plan_batch(
@@ -153,6 +159,12 @@ class Worker:
             sizes=[job.sizes for job in jobs],
             tolerance=jobs[0].tolerance,
         )
+
+
+def is_bad(plan: Plan, limits: Limits) -> bool:
+    """Whether a plan is so bad that it pays to plan its command several ways."""
+    start = np.concatenate([plan.object_position[0], plan.object_velocity[0]])
+    return follows_badly(plan.quality.tracking_rmse, start, plan.command_position, plan.friction, limits)
 
 
 def as_json(plan: Plan) -> bytes:
@@ -177,7 +189,7 @@ def load_planner(options: PlannerOptions) -> Planner:
     position = golden_move()
     if options.compile:
         compile_all(planner, position, options.compiled)
-    plan = planner.plan(position)
+    plan = planner.plan(position, candidates=1)
     batch = planner.plan_batch([position, 0.5 * position, position])
     replayed = plan.replay()[:, :2]
     differences = [plan.object_position - other for other in (batch[0].object_position, replayed)]

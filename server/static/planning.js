@@ -58,7 +58,7 @@ export class Planning {
         if (!stopping.signal.aborted) yield { ...answer, body: null, motion: motionOf(answer.plan), better: null };
         return;
       }
-      const first = await ask({});
+      const first = await ask({ candidates: 1 });  // at once, however bad
       yield { ...first, better: null };
       await moved();
       if (stopping.signal.aborted) return;

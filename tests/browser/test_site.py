@@ -115,7 +115,7 @@ def test_page_plans_without_a_server_and_again_without_a_network(server: Threadi
     page.goto(f"http://127.0.0.1:{server.server_port}/")
     plan = plan_here(page)
     assert not page.is_visible("#copy")
-    python = Planner().plan(plan.command_position, Friction(1.0, 0.5))
+    python = Planner().plan(plan.command_position, Friction(1.0, 0.5), candidates=1)
     assert plan.model_sha256 == python.model_sha256
     assert plan.quality.status in ("ok", "governed")
     assert abs(plan.quality.tracking_rmse - python.quality.tracking_rmse) < 1e-3
@@ -170,7 +170,7 @@ def test_page_plans_within_other_limits_as_python_does(loaded: Any, wanted: dict
     asked = {"limits": wanted, "friction": {"static": 0.6, "kinetic": 0.4}}
     text = ask(loaded, "async (planner, way, asked) => (await planner.plan(way(0.02), asked)).text", asked)
     plan = Plan.from_dict(json.loads(text))
-    python = Planner().plan(plan.command_position, friction, limits=limits)
+    python = Planner().plan(plan.command_position, friction, limits=limits, candidates=1)
     np.testing.assert_allclose(plan.pan_acceleration, python.pan_acceleration, atol=1e-5)
     assert plan.quality.limits == python.quality.limits
     assert plan.quality.status is python.quality.status

@@ -30,12 +30,12 @@ def planned(planner: Planner) -> dict[str, np.ndarray]:
     tight = Limits(pan_reach=0.06, acceleration=20.0, jerk=3_000.0)
     moving = Start((0.05, -0.02), (0.4, 0.3), (2.0, 1.0), (0.01, 0.02), (0.1, -0.2))
     plans = {
-        "plain": planner.plan(loop(1200, 1.0)),
-        "odd": planner.plan(loop(777, 0.7), Friction(0.8, 0.4)),
-        "governed": planner.plan(loop(1000, 1.5, 0.05), limits=tight),
-        "moving": planner.plan(loop(600, 0.5), start=moving),
-        "long": planner.plan(loop(6000, 5.0)),
-        "lifting": planner.plan(loop(1000, 0.8), Friction(0.5, 0.3), limits=Limits.named("panda")),
+        "plain": planner.plan(loop(1200, 1.0), candidates=1),
+        "odd": planner.plan(loop(777, 0.7), Friction(0.8, 0.4), candidates=1),
+        "governed": planner.plan(loop(1000, 1.5, 0.05), limits=tight, candidates=1),
+        "moving": planner.plan(loop(600, 0.5), start=moving, candidates=1),
+        "long": planner.plan(loop(6000, 5.0), candidates=1),
+        "lifting": planner.plan(loop(1000, 0.8), Friction(0.5, 0.3), limits=Limits.named("panda"), candidates=1),
         "candidates": planner.plan(loop(700, 0.7), limits=Limits(height=0.1), candidates=4, robust=0.1),
     }
     batch = planner.plan_batch([loop(800 + 100 * n, 0.8, 0.02 + 0.01 * n) for n in range(5)])

@@ -75,7 +75,7 @@ def plant(make_curve: Curve) -> Plant:
 
 def test_stream_fed_with_the_prediction_gives_the_plan(planner: Planner, make_curve: Curve) -> None:
     position = make_curve(5 * CHUNK)
-    plan = planner.plan(position, limits=LIMITS)
+    plan = planner.plan(position, limits=LIMITS, candidates=1)
     assert plan.quality.governed is not None
     assert plan.quality.governed.samples > 0
     stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
@@ -88,7 +88,7 @@ def test_stream_fed_with_the_prediction_gives_the_plan(planner: Planner, make_cu
 @pytest.mark.parametrize("late", [0, 1, 40, CHUNK])
 def test_last_state_even_late_is_enough_where_nothing_disturbs(planner: Planner, make_curve: Curve, late: int) -> None:
     position = make_curve(5 * CHUNK)
-    plan = planner.plan(position, limits=LIMITS)
+    plan = planner.plan(position, limits=LIMITS, candidates=1)
     for rows in (slice(None), -1):
         stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
         plant.move(stream.step())
@@ -154,7 +154,7 @@ def test_what_is_missing_is_predicted_for_a_fifth_of_a_second_and_then_braked_un
 
 def test_every_other_chunk_unseen_is_the_plan_where_nothing_disturbs(planner: Planner, make_curve: Curve) -> None:
     position = make_curve(8 * CHUNK)
-    plan = planner.plan(position, limits=LIMITS)
+    plan = planner.plan(position, limits=LIMITS, candidates=1)
     stream, plant = planner.stream(position, limits=LIMITS), Plant(Start(), position[0])
     for n in range(8):
         plant.move(stream.step(*(plant.seen() if n % 2 else (None, None))))
@@ -517,7 +517,7 @@ def test_start_must_be_finite_pairs() -> None:
 
 def test_plan_begins_where_it_is_told(planner: Planner, make_curve: Curve) -> None:
     start = Start((0.01, -0.02), (0.1, 0.2), (1.0, 0.5), (0.03, 0.0), (0.0, -0.2))
-    plan = planner.plan(make_curve(300), limits=LIMITS, start=start)
+    plan = planner.plan(make_curve(300), limits=LIMITS, start=start, candidates=1)
     np.testing.assert_array_equal(plan.pan_position[0], start.pan_position)
     np.testing.assert_array_equal(plan.pan_velocity[0], start.pan_velocity)
     np.testing.assert_array_equal(plan.object_position[0], start.object_position)

@@ -26,9 +26,9 @@ def assert_same_until_the_branches_part(ours: Plan, eager: Plan) -> None:
 
 def test_torch_eager_plans_what_the_runtime_plans(tiny_bundle: Path) -> None:
     position = odd().positions[0]
-    ours = Planner(tiny_bundle).plan(position)
+    ours = Planner(tiny_bundle).plan(position, candidates=1)
     assert ours.object_velocity.any()  # a stuck object would make the comparison easy
-    assert_same_until_the_branches_part(ours, EagerPlanner(tiny_bundle, large_network()).plan(position))
+    assert_same_until_the_branches_part(ours, EagerPlanner(tiny_bundle, large_network()).plan(position, candidates=1))
 
 
 def test_torch_eager_plans_batches(tiny_bundle: Path) -> None:
@@ -39,9 +39,11 @@ def test_torch_eager_plans_batches(tiny_bundle: Path) -> None:
 
 
 def test_a_bundle_alone_is_timed_with_drawn_weights_of_its_sizes(tiny_bundle: Path) -> None:
-    one, other = (EagerPlanner(tiny_bundle).plan(spline().positions[0]) for _ in range(2))
+    one, other = (EagerPlanner(tiny_bundle).plan(spline().positions[0], candidates=1) for _ in range(2))
     assert np.array_equal(one.pan_acceleration, other.pan_acceleration)
-    assert not np.array_equal(one.pan_acceleration, Planner(tiny_bundle).plan(one.command_position).pan_acceleration)
+    assert not np.array_equal(
+        one.pan_acceleration, Planner(tiny_bundle).plan(one.command_position, candidates=1).pan_acceleration
+    )
 
 
 def test_building_it_leaves_torch_s_generator_alone(tiny_bundle: Path) -> None:

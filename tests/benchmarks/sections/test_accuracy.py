@@ -13,7 +13,7 @@ import pytest
 from benchmarks.harness.section import Subject
 from benchmarks.sections.accuracy import AccuracySettings, accuracy_of, figures, friction_cells, measure_accuracy
 from benchmarks.suite.families import FRICTION_GRID, NOMINAL, Family, spline
-from benchmarks.suite.outcome import network, one_by_one, plan_family
+from benchmarks.suite.outcome import one_by_one, plan_family
 from runtime.documents.checks import FloatArray
 from runtime.errors import InputError
 from runtime.friction import Friction
@@ -149,16 +149,10 @@ def test_a_planner_s_own_prediction_is_what_is_measured(tiny_bundle: Path) -> No
     planner = Planner(tiny_bundle)
     positions, frictions = spline().positions[:3], (NOMINAL, Friction(0.5, 0.3), NOMINAL)
     commands = family(*positions, frictions=frictions)
-    outcome = plan_family(network(planner, batch=2), commands)
+    outcome = plan_family(one_by_one(planner), commands)
     qualities = [planner.plan(*one).quality for one in zip(positions, frictions, strict=True)]
     assert outcome.tracking == pytest.approx([quality.tracking_rmse for quality in qualities], rel=1e-6)
     assert outcome.pan_reach == pytest.approx([quality.pan_reach for quality in qualities], rel=1e-6)
-
-
-def test_a_command_planned_alone_is_planned_as_in_a_batch(tiny_bundle: Path) -> None:
-    planner, commands = Planner(tiny_bundle), spline().first(3)
-    alone, batch = (plan_family(plan(planner), commands) for plan in (one_by_one, network))
-    assert alone.tracking == pytest.approx(batch.tracking, rel=1e-6)
 
 
 def test_only_the_first_commands_are_planned() -> None:

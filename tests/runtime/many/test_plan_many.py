@@ -155,7 +155,7 @@ def test_each_row_is_planned_by_the_shipped_network_for_its_limits(many: Many, t
     parquet.write_table(pyarrow.table({"position": [curve(1).tolist()] * 2, "limits": named}), path)
     many(path, "-o", tmp_path / "plans")
     planner = Planner()
-    made = [planner.plan(curve(1), limits=name and Limits.named(name)) for name in named]
+    made = [planner.plan(curve(1), limits=name and Limits.named(name), candidates=1) for name in named]
     assert made[0].quality.acceleration_max > 13.0 >= made[1].quality.acceleration_max - 1e-9
     for row, plan in zip(rows(tmp_path / "plans"), made, strict=True):
         np.testing.assert_allclose(row["pan_acceleration"], plan.pan_acceleration, atol=1e-3)

@@ -71,7 +71,7 @@ def test_commands_of_any_length_and_any_limits_are_planned_in_one_call_as_by_the
     positions = [0.5 * make_curve(length, seed) for seed, length in enumerate(lengths)]
     together = planner.plan_batch(positions, Friction(0.3, 0.2), limits=limits)
     for plan, position, each in zip(together, positions, limits, strict=True):
-        alone = planner.plan(position, Friction(0.3, 0.2), limits=each)
+        alone = planner.plan(position, Friction(0.3, 0.2), limits=each, candidates=1)
         assert len(plan) == len(position)
         assert plan.pan_acceleration[:50] == pytest.approx(alone.pan_acceleration[:50], abs=1e-3)
 
@@ -148,7 +148,7 @@ def test_what_the_decoder_sees_of_itself_begins_with_where_the_pan_is(planner: P
 
 def test_a_stream_asked_after_whole_chunks_gives_the_plan(planner: Planner, make_curve: MakeCurve):
     limits, friction, position = Limits(height=0.1), Friction(0.3, 0.2), make_curve(400)
-    plan = planner.plan(position, friction, limits=limits)
+    plan = planner.plan(position, friction, limits=limits, candidates=1)
     stream = planner.stream(position, friction, limits=limits)
     assert stream.chunk == round(CHUNK * time_of(limits))
     pan, sliding = np.zeros(6), np.array([*position[0], 0.0, 0.0])
@@ -240,7 +240,7 @@ def test_shipped_network_plans_the_same_to_the_last_bit_whatever_is_planned_with
     for limits in (Limits.named("panda"), Limits(0.1)):
         together = planner.plan_batch(positions, friction, limits=limits)
         for plan, position in zip(together, positions, strict=True):
-            alone = planner.plan(position, friction, limits=limits)
+            alone = planner.plan(position, friction, limits=limits, candidates=1)
             assert np.array_equal(plan.pan_acceleration, alone.pan_acceleration)
 
 

@@ -26,7 +26,7 @@ SAMPLES = 600
 
 @pytest.fixture(scope="module")
 def plain(planner: Planner, make_curve: Curve) -> Plan:
-    return planner.plan(make_curve(SAMPLES), limits=LIMITS)
+    return planner.plan(make_curve(SAMPLES), limits=LIMITS, candidates=1)
 
 
 def test_refined_plan_is_better_keeps_its_limits_and_obeys_the_law(
@@ -45,7 +45,7 @@ def test_a_pan_that_lifts_is_refined_in_its_plane_within_all_of_its_limits(
     friction, gained = Friction(0.4, 0.3), 0
     for seed, limits in enumerate((Limits.named("panda"), Limits.named("fr3"), Limits(height=0.05, speed=0.6))):
         position = make_curve(SAMPLES, seed)
-        before = planner.plan(position, friction, limits=limits)
+        before = planner.plan(position, friction, limits=limits, candidates=1)
         plan = planner.plan(position, friction, limits=limits, candidates=1, refine_iterations=25, robust=robust)
         assert before.quality.height_max > 1e-4
         if not robust:
@@ -70,7 +70,7 @@ def test_more_steps_are_never_worse_than_none(planner: Planner, make_curve: Curv
         for friction in (Friction(1.0, 0.5), Friction(0.5, 0.3)):
             start = Start((0.01, 0.0), (0.05, 0.0), object_velocity=(0.1, 0.0))
             arguments = {"friction": friction, "limits": LIMITS, "start": start}
-            before = planner.plan(make_curve(377, seed), **arguments)
+            before = planner.plan(make_curve(377, seed), **arguments, candidates=1)
             after = planner.plan(make_curve(377, seed), **arguments, refine_iterations=5, robust=0.0)
             assert after.quality.tracking_rmse <= before.quality.tracking_rmse
             np.testing.assert_array_equal(after.pan_position[0], start.pan_position)
@@ -214,7 +214,7 @@ def test_refinement_leaves_the_object_where_the_command_ends_if_the_plan_did() -
     t = np.linspace(0.0, 1.0, 5)
     command = Command.from_waypoints(t, np.array([[0, 0], [0.04, 0.02], [0.02, 0.05], [-0.02, 0.03], [0.03, 0.0]]))
     at_rest = np.concatenate([command.position, np.tile(command.position[-1], (250, 1))])
-    before = planner.plan(at_rest)
+    before = planner.plan(at_rest, candidates=1)
     assert before.quality.rest_error < 0.005
     for robust in (0.0, 0.1):
         after = planner.plan(at_rest, refine_iterations=60, robust=robust)
@@ -226,7 +226,7 @@ def test_the_best_candidate_is_no_worse_than_the_plan_and_obeys_the_law(planner:
     start = Start((0.02, -0.03), (0.1, 0.2), (1.0, 0.5), (0.001, 0.0), (0.05, 0.02))
     for seed in range(3):
         for arguments in ({"limits": LIMITS}, {"limits": LIMITS, "start": start}):
-            one = planner.plan(make_curve(377, seed), **arguments)
+            one = planner.plan(make_curve(377, seed), **arguments, candidates=1)
             best = planner.plan(make_curve(377, seed), **arguments, candidates=6)
             assert best.quality.tracking_rmse <= one.quality.tracking_rmse
             np.testing.assert_array_equal(best.replay()[:, :2], best.object_position)

@@ -71,7 +71,7 @@ def test_options_are_those_of_the_runtime(server: Any, planner: Planner, make_cu
         (one,) = client.plans([position], friction, sizes=Sizes(0.2, 0.01))
         assert one.sizes == Sizes(0.2, 0.01)
         better = client.plan(position, refine_ms=50.0)
-        assert better.quality.tracking_rmse <= planner.plan(position).quality.tracking_rmse
+        assert better.quality.tracking_rmse <= planner.plan(position, candidates=1).quality.tracking_rmse
         assert client.info()["model"]["sha256"] == planner.bundle.sha256
 
 
@@ -142,8 +142,44 @@ def test_plans_come_in_order_a_line_each(server: Any, planner: Planner, make_cur
         plans = list(client.plans(curves, Friction(0.9, 0.5)))
     for curve, plan in zip(curves, plans, strict=True):
         assert np.array_equal(plan.command_position, curve)
-        own = planner.plan(curve, Friction(0.9, 0.5))
+        own = planner.plan(curve, Friction(0.9, 0.5), candidates=1)
         assert np.abs(plan.object_position - own.object_position).max() <= 1e-6
+
+
+TIGHT = {"pan_reach": 0.06, "acceleration": 20.0, "jerk": 3000.0}
+
+
+def loops(samples: int = 1000) -> list[list[float]]:
+    """Return a command that no pan with these limits follows well."""
+    t = np.linspace(0.0, 3.0 * np.pi, samples)
+    return (0.05 * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1)).tolist()
+
+
+def test_a_bad_plan_is_made_several_ways_by_plan_and_not_by_plans(server: Any, planner: Planner) -> None:
+    limits, command = Limits(**TIGHT), {"dt": 0.001, "position": loops()}
+    lone, best = (planner.plan(loops(), limits=limits, candidates=count) for count in (1, None))
+    assert best.quality.tracking_rmse < lone.quality.tracking_rmse
+    answer = server.post("/plan", json={"command": command, "limits": TIGHT})
+    assert_same(Plan.from_dict(answer.json()), best)
+    parts = [part.split(";dur=") for part in answer.headers["server-timing"].split(", ")[:-1]]
+    assert dict(parts).keys() == {"read", "queue", "encode", "decode", "write"}
+    one = server.post("/plan", json={"command": command, "limits": TIGHT, "candidates": 1})
+    assert_same(Plan.from_dict(one.json()), lone)
+    (line,) = server.post("/plans", json={"commands": [command], "limits": TIGHT}).text.splitlines()
+    assert_same(Plan.from_dict(json.loads(line)), lone)
+    npz = server.post("/plan", json={"command": command, "limits": TIGHT}, headers={"Accept": "application/x-npz"})
+    with np.load(io.BytesIO(npz.content)) as arrays:
+        assert np.array_equal(arrays["pan.acceleration"], best.pan_acceleration)
+
+
+@pytest.mark.parametrize("bound", [{"max_candidates": 4}, {"max_chunks": 64}])
+def test_a_bad_plan_stays_where_the_server_allows_no_several(
+    run_server: Callable[..., Any], planner: Planner, bound: dict[str, int]
+) -> None:
+    lone = planner.plan(loops(), limits=Limits(**TIGHT), candidates=1)
+    with run_server(**bound) as server:
+        answer = server.post("/plan", json={"command": {"dt": 0.001, "position": loops()}, "limits": TIGHT})
+    assert_same(Plan.from_dict(answer.json()), lone)
 
 
 def test_command_of_many_that_cannot_be_planned_is_a_problem_in_its_line(server: Any) -> None:
@@ -169,7 +205,7 @@ def test_concurrent_requests_are_planned_together_and_each_gets_its_own(
 
             async def one(curve: Any) -> Plan:
                 command = {"dt": 0.001, "position": curve.tolist()}
-                return Plan.from_dict((await client.post("/plan", json={"command": command})).json())
+                return Plan.from_dict((await client.post("/plan", json={"command": command, "candidates": 1})).json())
 
             return await asyncio.gather(*map(one, curves))
 
@@ -178,7 +214,7 @@ def test_concurrent_requests_are_planned_together_and_each_gets_its_own(
         metrics = server.get("/metrics").text
     for curve, plan in zip(curves, plans, strict=True):
         assert np.array_equal(plan.command_position, curve)
-        own = planner.plan(curve)
+        own = planner.plan(curve, candidates=1)
         for name in ("pan_position", "object_position"):
             assert np.abs(getattr(plan, name) - getattr(own, name)).max() <= 1e-6
     batches = float(re.search(r"^slide_batch_size_count (\S+)$", metrics, re.M)[1])  # type: ignore[index]

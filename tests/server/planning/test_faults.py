@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from runtime.client import Client
@@ -252,6 +253,25 @@ def test_onnxruntime_exception_is_a_500_and_the_next_plan_is_made(
         assert "secret" not in answers[1].text
         assert_answers(server, make_request())
         assert server.service.dispatcher.process == process
+
+
+FAILING_SEVERAL = FAILING.replace("(observation[:, 1] == 0.0625).any()", "len(observation) > 1")
+"""A planning process that can plan no command several ways."""
+
+
+def test_a_bad_plan_is_the_answer_if_it_cannot_be_planned_several_ways(run_server: Callable[..., Any]) -> None:
+    t = np.linspace(0.0, 9.0, 1000)
+    request = {
+        "command": {"dt": 0.001, "position": (0.06 * np.stack([1.0 - np.cos(t), np.sin(t)], axis=1)).tolist()},
+        "limits": {"pan_reach": 0.05, "acceleration": 15.0, "jerk": 3000.0},
+    }
+    with run_server([sys.executable, "-P", "-c", FAILING_SEVERAL]) as server:
+        bad = server.post("/plan", json=request)
+        assert bad.status_code == 200
+        assert bad.json() == server.post("/plan", json={**request, "candidates": 1}).json()
+        assert server.post("/plan", json={**request, "candidates": 4}).status_code == 500
+        wait_for(lambda: server.service.in_flight == 0)
+        assert_answers(server, request)
 
 
 WITHOUT_NUMBA = "import sys; sys.modules['numba'] = None; from server.planning.worker import main; main()"
