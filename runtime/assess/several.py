@@ -10,11 +10,10 @@ from runtime.network.reader import chunk_samples
 
 SEVERAL = 8
 """Plans that are made where one is bad, and where the best of them is refined: twice as many gain a tenth more, and
-take half as long again."""
+take a third to a half as long again."""
 
 BAD_SHARE = 0.03
-"""Share of a still pan's tracking RMSE above which a plan is bad. Of the commands that the network is good at, two of a
-hundred have more."""
+"""Share of a still pan's tracking RMSE above which a plan is bad: within the default limits one in twenty is."""
 
 BAD_FLOOR = 5e-4
 """Tracking RMSE (m) up to which no plan is bad: what remains is stick-slip."""

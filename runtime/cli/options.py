@@ -68,7 +68,9 @@ class SizeOptions:
 class SearchOptions:
     """How much to try for a better plan; as `Planner.plan` takes them."""
 
-    candidates: int | None = option("Plan so many turned and mirrored ways, keep the best.", metavar="N")
+    candidates: int | None = option(
+        "Plan so many turned and mirrored ways, keep the best; 1, and 8 where that is bad, if not given.", metavar="N"
+    )
     robust: float | None = option("Judge by friction off by this share, too: 0.1; 0 for not.", metavar="SHARE")
     refine_ms: float | None = option("Make the plan better for so many milliseconds.", metavar="MS")
 

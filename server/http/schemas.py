@@ -150,7 +150,9 @@ class PlanRequest(Options):
     command: CommandRequest
     sizes: SizesRequest | None = None
     candidates: Annotated[int, Field(ge=1)] | None = Field(
-        None, description="Plans to make, of the command turned and mirrored, and to keep the best of."
+        None,
+        description="Plans to make, of the command turned and mirrored, and to keep the best of. If left out 1, and 8 "
+        "where that is bad and the server has room.",
     )
     robust: Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False)] | None = Field(
         None, description="Share by which the friction may be off, to judge candidates and refinement by."
