@@ -6,8 +6,7 @@ same stop, to the last bit. Every other chunk is left to it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Self, overload
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,89 +30,38 @@ from runtime.safety.stop import (
 from runtime.start import Start
 
 
-class Free(NamedTuple):
-    """What became of B chunks.
-
-    Attributes:
-        rows: (B,) whether each keeps the limits by itself; of the others, what follows says nothing.
-        states: (B, C, 6) pan position (m) and velocity (m/s) after each sample.
-        brakes: (B, 3) braking accelerations (m/s^2) of the stops from their ends.
-        ramps: (B, 3) samples of the stops' phases.
-    """
-
-    rows: NDArray[np.bool_]
-    states: FloatArray
-    brakes: FloatArray
-    ramps: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, count: int, samples: int) -> Self:
-        """Return room for so many chunks of so many samples."""
-        rows, ramps = np.zeros(count, dtype=np.bool_), np.empty((count, 3), dtype=np.int64)
-        return cls(rows, np.empty((count, samples, 6)), np.empty((count, 3)), ramps)
-
-
-class Pans(Sequence[Pan]):
-    """B pans as numbers; each becomes a `Pan` when it is asked for.
+class Pans:
+    """B pans as numbers, which are moved; each is given as a `Pan`, which is not.
 
     Attributes:
         limits: of each.
         bounds: (B, 6) them as numbers, and whether they are finite.
         states: (B, 9) position (m), velocity (m/s), acceleration of the sample before (m/s^2).
-        stops: (B, 3) braking accelerations (m/s^2) of their stops, and (B, 3) samples of the phases of these.
-        others: those that are no numbers, by their rows.
+        brakes, ramps: (B, 3) braking accelerations (m/s^2) of their stops, and samples of the phases of these.
+        free: (B,) whether the last chunk was; the stops of the others are in `held`.
+        held: pans by their rows.
     """
 
-    def __init__(
-        self,
-        limits: Sequence[Limits],
-        bounds: FloatArray,
-        states: FloatArray,
-        stops: tuple[FloatArray, NDArray[np.int64]],
-        others: Mapping[int, Pan],
-    ) -> None:
-        self.limits, self.bounds, self.states, self.stops, self.others = limits, bounds, states, stops, others
-
-    @classmethod
-    def of(cls, pans: Sequence[Pan]) -> Pans:
-        """Return pans with their numbers."""
-        if isinstance(pans, Pans):
-            return pans
-        limits = [pan.limits for pan in pans]
+    def __init__(self, pans: Sequence[Pan]) -> None:
+        self.limits = [pan.limits for pan in pans]
         bounds = [
-            (each.pan_reach, each.height, each.speed, each.acceleration, each.jerk, each.finite) for each in limits
+            (each.pan_reach, each.height, each.speed, each.acceleration, each.jerk, each.finite) for each in self.limits
         ]
-        none = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
-        states = np.array([pan.state for pan in pans])
-        return cls(limits, np.array(bounds, dtype=np.float64), states, none, dict(enumerate(pans)))
-
-    def after(self, u: FloatArray, free: Free, others: Mapping[int, Pan]) -> Pans:
-        """Return the pans after a chunk (B, C, 3): of those that are free, and the others by their rows."""
-        states = np.concatenate([free.states[:, -1], u[:, -1]], axis=1)
-        return Pans(self.limits, self.bounds, states, (free.brakes, free.ramps), others)
+        self.bounds = np.array(bounds, dtype=np.float64)
+        self.states = np.array([pan.state for pan in pans])
+        self.brakes, self.ramps = np.empty((len(pans), 3)), np.empty((len(pans), 3), dtype=np.int64)
+        self.free = np.zeros(len(pans), dtype=np.bool_)
+        self.held = dict(enumerate(pans))
 
     def __len__(self) -> int:
         return len(self.limits)
 
-    @overload
-    def __getitem__(self, index: int) -> Pan: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Pan]: ...
-    def __getitem__(self, index: int | slice) -> Pan | list[Pan]:
-        if isinstance(index, slice):
-            return [self[row] for row in range(len(self))[index]]
-        row = range(len(self))[index]
-        if row in self.others:
-            return self.others[row]
+    def __getitem__(self, row: int) -> Pan:
+        if row in self.held:
+            return self.held[row]
         state = PanState(*self.states[row].tolist())
-        brakes, ramps = self.stops
-        brake = Brake(state[6:], tuple(brakes[row].tolist()), *ramps[row].tolist())
+        brake = Brake(state[6:], tuple(self.brakes[row].tolist()), *self.ramps[row].tolist())
         return Pan(state, brake, self.limits[row])
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Sequence) and list(self) == list(other)
-
-    __hash__ = None  # type: ignore[assignment]  # as a list
 
 
 class FreeChunks:
@@ -129,31 +77,45 @@ class FreeChunks:
     def __init__(self, compile_one: Compiler) -> None:
         self.functions = compile_together(KEEP_LIMITS, compile_one)
         self._keep = self.functions["keep_limits"]
-        self.find(Pans.of([Pan.at_start(Start(), Limits())]), np.zeros((1, 2, 3)))  # compiles
+        self.find(Pans([Pan.at_start(Start(), Limits())]), np.zeros((1, 2, 3)))  # compiles
 
-    def find(self, pans: Pans, u: FloatArray) -> Free:
-        """Look at the chunks of B pans, (B, C, 3) accelerations that are asked for (m/s^2)."""
-        free = Free.of(*u.shape[:2])
-        self._keep(pans.states, np.ascontiguousarray(u, dtype=np.float64), pans.bounds, *free)
-        return free
+    def find(self, pans: Pans, u: FloatArray) -> tuple[int, FloatArray]:
+        """Look at chunks (B, C, 3) that are asked for (m/s^2), and take the pans along those that are free.
+
+        Returns:
+            How many are not free, and (B, C, 6) where the others lead: position (m) and velocity (m/s).
+        """
+        u, states = np.ascontiguousarray(u, dtype=np.float64), np.empty((*u.shape[:2], 6))
+        return self._keep(u, pans.bounds, pans.states, pans.brakes, pans.ramps, pans.free, states), states
 
 
 def keep_limits(
-    before: FloatArray,
     u: FloatArray,
     bounds: FloatArray,
-    rows: NDArray[np.bool_],
-    states: FloatArray,
+    pans: FloatArray,
     brakes: FloatArray,
     ramps: NDArray[np.int64],
-) -> None:
-    """Fill what `Free` has, to be compiled; `bounds` (B, 6) are the limits, and whether there are any."""
+    free: NDArray[np.bool_],
+    states: FloatArray,
+) -> int:
+    """Find which chunks keep the limits by themselves, and take their pans along them, to be compiled.
+
+    Args:
+        u: (B, C, 3) accelerations that are asked for (m/s^2).
+        bounds, pans, brakes, ramps, free: the arrays of `Pans`; where a chunk is not free, only that is noted.
+        states: (B, C, 6) filled with pan position (m) and velocity (m/s) after each sample of those that are free.
+
+    Returns:
+        How many are not free.
+    """
+    others = len(u)
     for row in range(len(u)):
+        free[row] = False
         reach, height, speed, acceleration, jerk, finite = bounds[row]
         if finite == 0.0:
             continue
         step = jerk * DT
-        lx, ly, lz = before[row, 6], before[row, 7], before[row, 8]
+        lx, ly, lz = pans[row, 6], pans[row, 7], pans[row, 8]
         good = True
         for k in range(u.shape[1]):
             x, y, z = u[row, k, 0], u[row, k, 1], u[row, k, 2]
@@ -171,7 +133,7 @@ def keep_limits(
             continue
         farthest = highest = fastest = 0.0
         for axis in range(3):
-            p, v = before[row, axis], before[row, 3 + axis]
+            p, v = pans[row, axis], pans[row, 3 + axis]
             pushed = moved = 0.0
             for k in range(u.shape[1]):
                 a = u[row, k, axis]
@@ -195,10 +157,15 @@ def keep_limits(
         brake = quickest(end, step, strongest(end, acceleration, jerk))
         reached, up, fast = squared_extent(end, brake)
         if np.sqrt(reached) <= reach and up <= height and np.sqrt(fast) <= speed:
-            rows[row] = True
+            others -= 1
+            free[row] = True
+            for k in range(6):
+                pans[row, k] = states[row, -1, k]
+            pans[row, 6], pans[row, 7], pans[row, 8] = lx, ly, lz
             w = brake.w
             brakes[row, 0], brakes[row, 1], brakes[row, 2] = w[0], w[1], w[2]
             ramps[row, 0], ramps[row, 1], ramps[row, 2] = brake.ramp_in, brake.hold, brake.ramp_out
+    return others
 
 
 KEEP_LIMITS = (size, strongest, with_ramps, change, quickest, phase, squared_extent, keep_limits)

@@ -55,16 +55,34 @@ def govern(pans: Sequence[Pan], asked: FloatArray) -> tuple[FloatArray, FloatArr
     free_chunks = _free_chunks  # which another thread may replace
     if free_chunks is None:
         return govern_each(pans, np.array([pan.state for pan in pans]), [pan.limits for pan in pans], asked)
-    pans = Pans.of(pans)
-    free = free_chunks.find(pans, asked)
-    if free.rows.all():
-        return asked, free.states, pans.after(asked, free, {})
-    held = np.flatnonzero(~free.rows).tolist()
-    limits = [pans.limits[row] for row in held]
-    some = govern_each([pans[row] for row in held], pans.states[held], limits, asked[held])
-    u, states = asked.copy(), free.states
-    u[held], states[held] = some[:2]
-    return u, states, pans.after(u, free, dict(zip(held, some[2], strict=True)))
+    moving = Pans(pans)
+    others, states = free_chunks.find(moving, asked)
+    u = asked.copy() if others else asked
+    govern_others(moving, others, u, states)
+    return u, states, [moving[row] for row in range(len(moving))]
+
+
+def govern_others(pans: Pans, others: int, u: FloatArray, states: FloatArray) -> list[int]:
+    """Govern the chunks that are not free, after `keep_limits` has looked at all.
+
+    Args:
+        pans: those whose chunks are free are at their ends, where the others go now.
+        others: how many these are.
+        u: (B, C, 3) accelerations that are asked for (m/s^2); theirs are changed in place.
+        states: (B, C, 6) where they lead; as `u`.
+
+    Returns:
+        Their rows.
+    """
+    if not others:
+        pans.held.clear()
+        return []
+    rows = np.flatnonzero(~pans.free).tolist()
+    limits = [pans.limits[row] for row in rows]
+    kept, led, after = govern_each([pans[row] for row in rows], pans.states[rows], limits, u[rows])
+    u[rows], states[rows], pans.states[rows] = kept, led, [pan.state for pan in after]
+    pans.held = dict(zip(rows, after, strict=True))
+    return rows
 
 
 def run_compiled(use: bool) -> None:
