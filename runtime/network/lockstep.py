@@ -2,8 +2,8 @@
 
 It does what `runtime.network.decode.decode` does with each group, to the last bit. A question costs little more for 48
 commands than for one, so groups whose chunks last differently are asked together too. Between two questions, one
-function does all that follows an answer, and one makes what the network sees next: they are those that the plain loop
-is made of.
+function does all that follows an answer, and fills in what the network sees next. It is made of those that the plain
+loop is made of.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from runtime.limits import Limits
 from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.network.job import Job
 from runtime.network.reader import MOST_AT_ONCE, Frame, groups_of
-from runtime.network.taps import Told, fill_answer, observe
+from runtime.network.taps import Taps, fill_answer, fill_observation
 from runtime.network.units import CHUNK, OBSERVED
 from runtime.physics.compiled import Compiler, compile_together
 from runtime.physics.law import DT, GRAVITY, slide, slide_along
@@ -33,108 +33,157 @@ from runtime.safety.pan import Pan
 from runtime.start import Start
 
 NOT_FINITE = -1
+"""Returned in the place of a number of pans."""
 
 
-def go_on(
-    question: int,
-    answer: Float32Array,
-    rows: NDArray[np.intp],
-    shares: FloatArray,
-    unit: FloatArray,
-    static: FloatArray,
-    kinetic: FloatArray,
-    gravity: float,
-    dt: float,
-    bounds: FloatArray,
-    pans: FloatArray,
-    brakes: FloatArray,
-    ramps: NDArray[np.int64],
-    free: NDArray[np.bool_],
-    asked: FloatArray,
-    u: FloatArray,
-    states: FloatArray,
-    sliding: FloatArray,
-) -> int:
-    """Fill in what an answer asks for and where it leads, to be compiled: `Pans.free` tells which pans may go there.
+class Course(NamedTuple):
+    """What B commands are planned with, in numbers, and their motions, which are filled in question by question.
+
+    Attributes:
+        command, conditions, scale, acceleration, seen, ahead, answer: of their `Frame`.
+        samples, chunk: of it too.
+        elapsed: what is told of the time since the question before.
+        static, kinetic: (B,) coefficients of friction.
+        bounds, pans, brakes, ramps, free: of `Pans`, before the next chunk.
+        asked, u: (n, B, C, 3) what each of the n answers asks for, and what is done (m/s^2).
+        states, sliding: (n + 1, B, C, 6) and (n + 1, B, C, 4), the last C states before each question, and at the end.
+    """
+
+    command: FloatArray
+    conditions: Float32Array
+    scale: FloatArray
+    acceleration: FloatArray
+    seen: Taps
+    ahead: Taps
+    answer: Taps
+    samples: int
+    chunk: int
+    elapsed: float
+    static: FloatArray
+    kinetic: FloatArray
+    bounds: FloatArray
+    pans: FloatArray
+    brakes: FloatArray
+    ramps: NDArray[np.int64]
+    free: NDArray[np.bool_]
+    asked: FloatArray
+    u: FloatArray
+    states: FloatArray
+    sliding: FloatArray
+
+    @classmethod
+    def of(cls, frame: Frame, jobs: Sequence[Job], pans: Pans) -> Self:
+        """Return the course of jobs at their start."""
+        shape = -(-frame.samples // frame.chunk), len(jobs), frame.chunk
+        asked, u = np.empty((2, *shape, 3))
+        states, sliding = (np.empty((shape[0] + 1, *shape[1:], columns)) for columns in (6, 4))
+        states[0] = np.stack([job.start.pan_state() for job in jobs])[:, None]  # it has been there
+        sliding[0] = np.stack([job.start.object_state(job.command.position[0]) for job in jobs])[:, None]
+        return cls(
+            frame.command,
+            frame.conditions,
+            frame.scale,
+            frame.acceleration,
+            frame.seen,
+            frame.ahead,
+            frame.answer,
+            frame.samples,
+            frame.chunk,
+            min(1.0, frame.chunk / frame.step / CHUNK),
+            np.array([job.friction.static for job in jobs]),
+            np.array([job.friction.kinetic for job in jobs]),
+            pans.bounds,
+            pans.states,
+            pans.brakes,
+            pans.ramps,
+            pans.free,
+            asked,
+            u,
+            states,
+            sliding,
+        )
+
+
+def look(course: Course, question: int, out: Float32Array) -> None:
+    """Fill in what the network sees with a question, to be compiled."""
+    fill_observation(
+        course.states[question],
+        course.sliding[question],
+        course.pans[:, 6:].copy(),
+        course.command,
+        min(question * course.chunk, course.samples),
+        course.seen.rows,
+        course.seen.shares,
+        course.ahead.rows,
+        course.ahead.shares,
+        course.scale,
+        course.acceleration,
+        course.conditions,
+        course.elapsed if question > 0 else 1.0,
+        out,
+    )
+
+
+def go_on(course: Course, question: int, answer: Float32Array, gravity: float, dt: float, out: Float32Array) -> int:
+    """Fill in what an answer asks for, where it leads, and what the network sees there, to be compiled.
 
     Returns:
-        How many may not, NOT_FINITE if the answer is no finite numbers.
+        How many pans may not go there, as `Pans.free` tells; NOT_FINITE if the answer is no finite numbers.
     """
     after = question + 1
-    if not fill_answer(answer, pans[:, 6:].copy(), rows, shares, unit, asked[question]):
+    asked, u = course.asked[question], course.u[question]
+    last = course.pans[:, 6:].copy()
+    if not fill_answer(answer, last, course.answer.rows, course.answer.shares, course.acceleration, asked):
         return NOT_FINITE
-    u[question] = asked[question]
-    others = keep_limits(u[question], bounds, pans, brakes, ramps, free, states[after])
-    slide_along(sliding[question, :, -1].copy(), u[question], static, kinetic, gravity, dt, sliding[after])
-    return others
+    for row in range(len(u)):  # numba takes 3 s to compile `u[:] = asked`
+        for k in range(u.shape[1]):
+            u[row, k, 0], u[row, k, 1], u[row, k, 2] = asked[row, k, 0], asked[row, k, 1], asked[row, k, 2]
+    others = keep_limits(u, course.bounds, course.pans, course.brakes, course.ramps, course.free, course.states[after])
+    before = course.sliding[question, :, -1].copy()
+    slide_along(before, u, course.static, course.kinetic, gravity, dt, course.sliding[after])
+    look(course, after, out)
+    return int(others)
 
 
 class Group(NamedTuple):
-    """Commands of one group (`group_of`) on their way, which is filled in question by question.
+    """Commands of one group (`group_of`) on their way.
 
     Attributes:
         indices: which of the jobs they are.
         frame: what the network reads of them.
-        frictions: of each; static, kinetic: (B,) the same in numbers.
+        frictions: of each.
         pans: before the next chunk.
+        course: where they go.
         read_again: the questions before which they are read anew.
-        asked, u: (n, B, C, 3) what each of the n answers asks for, and what is done (m/s^2).
-        pan, sliding: (n + 1, B, C, 6) and (n + 1, B, C, 4), the last C states before each question, and at the end.
     """
 
     indices: Sequence[int]
     frame: Frame
     frictions: Sequence[Friction]
-    static: FloatArray
-    kinetic: FloatArray
     pans: Pans
+    course: Course
     read_again: Set[int]
-    asked: FloatArray
-    u: FloatArray
-    pan: FloatArray
-    sliding: FloatArray
 
     @classmethod
     def of(cls, indices: Sequence[int], jobs: Sequence[Job]) -> Self:
         """Return these jobs at their start."""
-        frame, count = Frame.of(jobs), len(jobs)
-        questions, chunk = -(-frame.samples // frame.chunk), frame.chunk
-        static, kinetic = (np.array([getattr(job.friction, name) for job in jobs]) for name in ("static", "kinetic"))
-        pan, sliding = np.empty((questions + 1, count, chunk, 6)), np.empty((questions + 1, count, chunk, 4))
-        pan[0] = np.stack([job.start.pan_state() for job in jobs])[:, None]  # it has been there
-        sliding[0] = np.stack([job.start.object_state(job.command.position[0]) for job in jobs])[:, None]
-        return cls(
-            indices,
-            frame,
-            [job.friction for job in jobs],
-            static,
-            kinetic,
-            Pans([Pan.at_start(job.start, job.limits) for job in jobs]),
-            set(_readings(frame)),
-            *np.empty((2, questions, count, chunk, 3)),
-            pan,
-            sliding,
-        )
+        frame, pans = Frame.of(jobs), Pans([Pan.at_start(job.start, job.limits) for job in jobs])
+        frictions, course = [job.friction for job in jobs], Course.of(frame, jobs, pans)
+        return cls(indices, frame, frictions, pans, course, set(_readings(frame)))
 
     @property
     def questions(self) -> int:
         """How often they are asked."""
-        return len(self.u)
-
-    def told(self, question: int) -> Told:
-        """Return what the network is told with a question."""
-        frame, last = self.frame, self.pans.states[:, 6:]
-        elapsed = frame.chunk / frame.step / CHUNK if question else 1.0
-        return frame.told(self.pan[question], self.sliding[question], last, question * frame.chunk, elapsed)
+        return len(self.course.u)
 
     def decoded(self) -> dict[int, tuple[Motion, Pan]]:
         """Return the motion of each job and the pan at its end, by its index."""
-        before = self.frame.chunk - 1
-        u, asked, pan, sliding = (
+        course, before = self.course, self.frame.chunk - 1
+        u, asked, states, sliding = (
             part.swapaxes(0, 1).reshape(len(self.indices), -1, part.shape[-1])
-            for part in (self.u, self.asked, self.pan, self.sliding)
+            for part in (course.u, course.asked, course.states, course.sliding)
         )
-        whole = Motion(u, asked, pan[:, before:], sliding[:, before:])
+        whole = Motion(u, asked, states[:, before:], sliding[:, before:])
         return {index: (whole.one(row), self.pans[row]) for row, index in enumerate(self.indices)}
 
 
@@ -156,9 +205,12 @@ class Lockstep:
     """
 
     def __init__(self, compile_one: Compiler, known: Mapping[str, Any]) -> None:
-        self._go_on = compile_together([go_on], compile_one, known)["go_on"]
+        functions = compile_together([look, go_on], compile_one, known)
+        self._look, self._go_on = functions["look"], functions["go_on"]
         group = Group.of([0], [Job(Command(np.zeros((2, 2))), Friction(), Limits(), Start())])
-        self._move(group, 0, np.zeros((1, CHUNK, 3), dtype=np.float32), "")  # compiles
+        answer, observation = (np.zeros((1, *shape), dtype=np.float32) for shape in ((CHUNK, 3), (OBSERVED,)))
+        self._look(group.course, 0, observation)  # compiles
+        self._move(group, 0, answer, "", observation)  # compiles
 
     def decode(self, bundle: Bundle, jobs: Sequence[Job]) -> list[tuple[Motion, Pan]]:
         """Decode commands of any lengths and limits; see `runtime.network.decode.decode_all`."""
@@ -184,57 +236,49 @@ class Lockstep:
         going = sorted(groups, key=lambda group: -group.questions)  # those that are over first come last
         read = [bundle.encode(group.frame.window(0)) for group in going]
         memory = LstmState(*(np.concatenate(parts, axis=1) for parts in zip(*read, strict=True)))
-        begin = 0
+        observation = np.empty((memory.hidden.shape[1], OBSERVED), dtype=np.float32)
+        parts = _side_by_side(going)
+        for group, rows in parts:
+            self._look(group.course, 0, observation[rows])
+        question, name = 0, bundle.manifest.name
         while going:
-            ends = np.cumsum([len(group.indices) for group in going]).tolist()
-            parts = [(group, slice(end - len(group.indices), end)) for group, end in zip(going, ends, strict=True)]
-            memory = LstmState(*(np.ascontiguousarray(each[:, : ends[-1]]) for each in memory))
-            observation = np.empty((ends[-1], OBSERVED), dtype=np.float32)
-            for question in range(begin, going[-1].questions):
-                for group, rows in parts:
-                    if question in group.read_again:
-                        again = bundle.encode(group.frame.window(question * group.frame.chunk))
-                        for whole, part in zip(memory, again, strict=True):
-                            whole[:, rows] = part
-                    observe(group.told(question), observation[rows])
-                answer, memory = bundle.decode_step(observation, memory)
-                for group, rows in parts:
-                    self._move(group, question, answer[rows], bundle.manifest.name)
-            begin = going[-1].questions
-            going = [group for group in going if group.questions > begin]
+            for group, rows in parts:
+                if question in group.read_again:
+                    again = bundle.encode(group.frame.window(question * group.frame.chunk))
+                    for whole, part in zip(memory, again, strict=True):
+                        whole[:, rows] = part
+            answer, memory = bundle.decode_step(observation, memory)
+            for group, rows in parts:
+                self._move(group, question, answer[rows], name, observation[rows])
+            question += 1
+            if going[-1].questions == question:
+                going = [group for group in going if group.questions > question]
+                parts = _side_by_side(going)
+                count = sum(len(group.indices) for group in going)
+                observation = observation[:count]
+                memory = LstmState(*(np.ascontiguousarray(each[:, :count]) for each in memory))
 
-    def _move(self, group: Group, question: int, answer: Float32Array, name: str) -> None:
-        """Let governor and law do what an answer of the bundle of this name asks for.
+    def _move(self, group: Group, question: int, answer: Float32Array, name: str, observation: Float32Array) -> None:
+        """Let governor and law do what an answer of the bundle of this name asks for, and fill in what is seen then.
 
         Raises:
             BundleError: an acceleration is no finite number.
         """
-        frame, pans, sliding = group.frame, group.pans, group.sliding
-        others = self._go_on(
-            question,
-            answer,
-            *frame.answer,
-            frame.acceleration,
-            group.static,
-            group.kinetic,
-            GRAVITY,
-            DT,
-            pans.bounds,
-            pans.states,
-            pans.brakes,
-            pans.ramps,
-            pans.free,
-            group.asked,
-            group.u,
-            group.pan,
-            sliding,
-        )
+        others = self._go_on(group.course, question, answer, GRAVITY, DT, observation)
         if others == NOT_FINITE:
-            raise BundleError(
-                f"the network of bundle {name!r} gave no finite number at sample {question * frame.chunk}"
-            )
-        u = group.u[question]
-        rows = govern_others(pans, others, u, group.pan[question + 1])
-        if rows:
-            frictions = [group.frictions[row] for row in rows]
-            sliding[question + 1, rows] = slide(sliding[question, rows, -1], u[rows], frictions)
+            now = question * group.frame.chunk
+            raise BundleError(f"the network of bundle {name!r} gave no finite number at sample {now}")
+        if not others:
+            group.pans.held.clear()
+            return
+        u, sliding = group.course.u[question], group.course.sliding
+        rows = govern_others(group.pans, u, group.course.states[question + 1])
+        frictions = [group.frictions[row] for row in rows]
+        sliding[question + 1, rows] = slide(sliding[question, rows, -1], u[rows], frictions)
+        self._look(group.course, question + 1, observation)
+
+
+def _side_by_side(groups: Sequence[Group]) -> list[tuple[Group, slice]]:
+    """Return groups with the rows that they have of what the network is given."""
+    ends = np.cumsum([len(group.indices) for group in groups]).tolist()
+    return [(group, slice(end - len(group.indices), end)) for group, end in zip(groups, ends, strict=True)]

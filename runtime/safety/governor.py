@@ -57,26 +57,26 @@ def govern(pans: Sequence[Pan], asked: FloatArray) -> tuple[FloatArray, FloatArr
         return govern_each(pans, np.array([pan.state for pan in pans]), [pan.limits for pan in pans], asked)
     moving = Pans(pans)
     others, states = free_chunks.find(moving, asked)
-    u = asked.copy() if others else asked
-    govern_others(moving, others, u, states)
+    if others:
+        u = asked.copy()
+        govern_others(moving, u, states)
+    else:
+        u = asked
+        moving.held.clear()
     return u, states, [moving[row] for row in range(len(moving))]
 
 
-def govern_others(pans: Pans, others: int, u: FloatArray, states: FloatArray) -> list[int]:
+def govern_others(pans: Pans, u: FloatArray, states: FloatArray) -> list[int]:
     """Govern the chunks that are not free, after `keep_limits` has looked at all.
 
     Args:
         pans: those whose chunks are free are at their ends, where the others go now.
-        others: how many these are.
-        u: (B, C, 3) accelerations that are asked for (m/s^2); theirs are changed in place.
+        u: (B, C, 3) accelerations that are asked for (m/s^2); those of the others are changed in place.
         states: (B, C, 6) where they lead; as `u`.
 
     Returns:
-        Their rows.
+        The rows of the others.
     """
-    if not others:
-        pans.held.clear()
-        return []
     rows = np.flatnonzero(~pans.free).tolist()
     limits = [pans.limits[row] for row in rows]
     kept, led, after = govern_each([pans[row] for row in rows], pans.states[rows], limits, u[rows])
