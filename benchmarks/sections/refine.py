@@ -146,7 +146,7 @@ def _refinement(planner: Planner, optimizer: PlanFunction, settings: RefineSetti
     families, before, after = {}, [], []
     time = 0.0
     for name, family in suite(settings.family, settings.commands).items():
-        plain = plan_family(one_by_one(planner), family)
+        plain = plan_family(one_by_one(planner, candidates=1), family)
         refined = plan_family(one_by_one(planner, settings.budget, settings.robust), family)
         families[name] = RefinedFamily(
             commands=len(family),
@@ -185,7 +185,9 @@ def _under_other_friction(planner: Planner, family: Family, budget: float) -> Of
         return float(np.mean(errors))
 
     return OffFamily(
-        error(one_by_one(planner)), error(one_by_one(planner, budget, 0.0)), error(one_by_one(planner, budget))
+        error(one_by_one(planner, candidates=1)),
+        error(one_by_one(planner, budget, 0.0)),
+        error(one_by_one(planner, budget)),
     )
 
 

@@ -52,19 +52,23 @@ class Outcome:
     planning_time: float
 
 
-def one_by_one(planner: Planner, refine_ms: float | None = None, robust: float | None = None) -> PlanFunction:
+def one_by_one(
+    planner: Planner, refine_ms: float | None = None, robust: float | None = None, candidates: int | None = None
+) -> PlanFunction:
     """Return the network as a plan function that plans each command by itself, as a user with one command would.
 
     A command whose plan is bad is then planned several ways: see `Planner.plan`.
 
     Args:
         planner: of the bundle; it is told the friction.
-        refine_ms, robust: of each plan; see `Planner.plan`.
+        refine_ms, robust, candidates: of each plan; see `Planner.plan`.
     """
 
     def plan(positions: Sequence[FloatArray], frictions: Sequence[Friction]) -> list[FloatArray]:
         return [
-            planner.plan(position, friction, refine_ms=refine_ms, robust=robust).pan_acceleration[:, :2]
+            planner.plan(
+                position, friction, refine_ms=refine_ms, robust=robust, candidates=candidates
+            ).pan_acceleration[:, :2]
             for position, friction in zip(positions, frictions, strict=True)
         ]
 
