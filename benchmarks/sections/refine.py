@@ -66,7 +66,7 @@ class RefinedFamily:
 
     Attributes:
         commands: number of commands.
-        before, after: mean tracking RMSE without and with refinement (m).
+        before, after: mean tracking RMSE of one plan, and of the best of several with refinement (m).
         optimizer: the same of the optimizer.
         pan_reach_max: largest reach of the refined plans (m).
         worse: number of commands that refinement made worse.
