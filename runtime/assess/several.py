@@ -12,8 +12,9 @@ SEVERAL = 8
 """Plans that are made where one is bad, and where the best of them is refined: twice as many gain a tenth more, and
 take a third to a half as long again."""
 
-BAD_SHARE = 0.03
-"""Share of a still pan's tracking RMSE above which a plan is bad: within the default limits one in twenty is."""
+BAD_SHARE = {"level": 0.03, "lifting": 0.015}
+"""Share of a still pan's tracking RMSE above which a plan is bad: half as much again as is usual within the default
+limits."""
 
 BAD_FLOOR = 5e-4
 """Tracking RMSE (m) up to which no plan is bad: what remains is stick-slip."""
@@ -41,4 +42,4 @@ def follows_badly(
     if rmse <= BAD_FLOOR or -(-len(command_position) // chunk_samples(limits)) > MOST_CHUNKS:
         return False
     still = still_error(start, len(command_position), command_position, friction)
-    return rmse > BAD_SHARE * still and not cannot_slide(friction, limits)
+    return rmse > BAD_SHARE["level" if limits.level else "lifting"] * still and not cannot_slide(friction, limits)

@@ -31,13 +31,18 @@ def loops(samples: int, turns: float, size: float) -> FloatArray:
     return size * np.stack([1.0 - np.cos(t), np.sin(t) ** 3], axis=1)
 
 
-def test_a_plan_is_bad_by_the_share_of_what_the_command_moves() -> None:
-    start, friction, limits = np.zeros(4), Friction(1.0, 0.5), Limits()
-    for size in (0.03, 0.1):
+@pytest.mark.parametrize(("way", "height"), [("level", 0.0), ("lifting", 0.1)])
+def test_a_plan_is_bad_by_the_share_of_what_the_command_moves(way: str, height: float) -> None:
+    start, friction, limits = np.zeros(4), Friction(1.0, 0.5), Limits(height=height)
+    for size in (0.06, 0.12):
         command = line(1200, size)
-        still = np.sqrt((command**2).sum(axis=1).mean())
-        assert not follows_badly(0.99 * BAD_SHARE * still, start, command, friction, limits)
-        assert follows_badly(1.01 * BAD_SHARE * still, start, command, friction, limits)
+        bad = BAD_SHARE[way] * np.sqrt((command**2).sum(axis=1).mean())
+        assert not follows_badly(0.99 * bad, start, command, friction, limits)
+        assert follows_badly(1.01 * bad, start, command, friction, limits)
+
+
+def test_small_errors_and_pans_that_are_too_weak_are_not_bad_plans() -> None:
+    start, friction, limits = np.zeros(4), Friction(1.0, 0.5), Limits()
     small = line(1200, 0.01)
     assert not follows_badly(BAD_FLOOR, start, small, friction, limits)
     assert not follows_badly(0.05, start, line(1200, 0.1), friction, Limits(acceleration=9.0))  # it cannot slide
