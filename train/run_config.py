@@ -12,6 +12,7 @@ OptimizerKind = Literal["adam", "muon"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(gt=0)]
+Workers = Annotated[int, Field(gt=0, le=64)]
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Range = tuple[Positive, Positive]
 
@@ -41,7 +42,7 @@ class RunConfig(BaseModel):
     precision: Precision = Field("auto", description="of the network's matrix products; auto: what is faster here")
     threads: Count = Field(2, description="CPU threads of each process; resuming bit for bit needs the same number")
 
-    workers: Count = Field(1, description="processes beside each that draw its batches; on a GPU, several keep up")
+    workers: Workers = Field(1, description="processes beside each that draw its batches; on a GPU, several keep up")
 
     @model_validator(mode="after")
     def _batch_fits(self) -> Self:

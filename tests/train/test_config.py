@@ -43,6 +43,7 @@ def test_named_configurations_are_the_ones_promised():
         ("precision", "float8"),
         ("average", 1.0),
         ("workers", 0),
+        ("workers", 500),
         ("restarts", [{"after": share, "learning_rate": 1e-3, "gamma": 0.1, "robust": 0.1} for share in (0.6, 0.5)]),
     ],
 )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +27,9 @@ from train.learn.parallel import mean_over_processes, processes, rank, share
 from train.learn.recipe import Recipe
 from train.recipes import recipe_of
 from train.run_config import Precision
+
+# torch warns of more processes than there are cores: how many there are is the configuration's to say.
+warnings.filterwarnings("ignore", message="This DataLoader will create")
 
 SKIP_WINDOW = 100
 """Number of recent steps over which skipped ones are counted."""
@@ -60,8 +65,19 @@ class Draws(Dataset[tuple[int, Any]]):
         self.recipe, self.steps, self.rows = recipe, steps, rows
 
     def __getitem__(self, step: int) -> tuple[int, Any]:
-        """Return the number and this process's share of the step's batch."""
-        return step, self.recipe.draw(step, self.steps, self.rows)
+        """Return the number and this process's share of the step's batch, or what is wrong with it.
+
+        If that were raised here, torch would make many lines of it.
+        """
+        try:
+            return step, self.recipe.draw(step, self.steps, self.rows)
+        except SlideError as error:
+            return step, error
+
+
+def _draw_quietly(worker: int) -> None:
+    """Begin a process that draws: it does not tell of batches that nobody took, for the run has ended then."""
+    sys.excepthook = lambda *_: None  # only the thread that hands them over comes here; all else goes to the run
 
 
 class Trainer:
@@ -108,12 +124,12 @@ class Trainer:
         """Train to the configuration's last epoch, from wherever the run stands.
 
         Raises:
-            TrainingError: too many steps in a row had a gradient that is not finite.
+            TrainingError: too many steps in a row had a gradient that is not finite, or a process that draws ended.
             OutputError: a checkpoint could not be written; the one before is untouched.
         """
         purge = self.epoch * self.steps_per_epoch
         scalars = SummaryWriter(str(self.run / "tensorboard"), purge_step=purge) if rank() == 0 else nullcontext()
-        with scalars as writer:
+        with scalars as writer, self._watching_workers():
             batches = self._batches()
             while self.epoch < self.config.epochs:
                 for step, drawn in islice(batches, self.steps_per_epoch):
@@ -140,7 +156,29 @@ class Trainer:
         steps = range(self.epoch * self.steps_per_epoch, self.steps)
         draws = Draws(self.recipe, self.steps, self.share)
         # A dataset's length is never asked for: the sampler names the steps.
-        yield from DataLoader(draws, sampler=steps, batch_size=None, num_workers=self.config.workers)
+        count = self.config.workers
+        batches = DataLoader(draws, sampler=steps, batch_size=None, num_workers=count, worker_init_fn=_draw_quietly)
+        for step, drawn in batches:
+            if isinstance(drawn, SlideError):
+                raise drawn
+            yield step, drawn
+
+    @contextmanager
+    def _watching_workers(self) -> Iterator[None]:
+        """End the run in a TrainingError if a process that draws batches ends before its time.
+
+        torch tells of it by a RuntimeError, wherever the run is at that moment.
+        """
+        try:
+            yield
+        except RuntimeError as error:
+            if not str(error).startswith("DataLoader worker"):
+                raise
+            told = str(error).partition("\n")[0].strip(" .")
+            raise TrainingError(
+                f"a process drawing batches ended in epoch {self.epoch + 1} ({told}), maybe for want of memory: each "
+                f"of the {self.config.workers} workers takes some; the last good checkpoint, if any, is in {self.run}"
+            ) from error
 
     def step(self, step: int, drawn: Any) -> Progress:
         """Take one step of the optimizer; a gradient that is not finite skips it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import shutil
 
@@ -65,6 +66,28 @@ def test_several_workers_draw_what_one_draws(smoke_run, tmp_path):
     trainer.train()
     whole, again = load_checkpoint(folder / "whole"), load_checkpoint(tmp_path / "run")
     assert all(torch.equal(tensor, again["model"][name]) for name, tensor in whole["model"].items())
+
+
+def test_run_whose_worker_is_killed_ends_in_one_line_and_can_be_resumed(tmp_path, capfd):
+    config = load_config("smoke").model_copy(update={"workers": 3})
+    trainer = Trainer(config, tmp_path / "run")
+
+    def kill_a_worker(progress):
+        if progress.epoch == 3:
+            multiprocessing.active_children()[0].kill()
+
+    with pytest.raises(TrainingError, match=r"drawing batches ended in epoch \d+ \(.*3 workers") as raised:
+        trainer.train(kill_a_worker)
+    assert "\n" not in str(raised.value)
+    assert capfd.readouterr().err == ""
+    assert load_checkpoint(tmp_path / "run")["epoch"] >= 2
+
+
+def test_what_a_worker_cannot_draw_is_told_in_one_line(tmp_path):
+    trainer = Trainer(load_config("smoke"), tmp_path / "run")
+    trainer.share = slice(0, 3)
+    with pytest.raises(InputError, match=r"^batch: its 8 groups cannot be shared evenly by this many processes$"):
+        trainer.train()
 
 
 def test_resume_of_another_configuration_is_refused_and_the_difference_named(smoke_run):
