@@ -329,7 +329,7 @@ class Dispatcher:
             if isinstance(reply, PlanReply):
                 self._metrics.plan(reply, one.job.samples)
                 written = WrittenPlan(body, waited, reply.encode, reply.decode, reply.write)
-                if reply.bad:
+                if reply.bad and not one.result.done():
                     self._plan_several_ways(one, written)
                 else:
                     one.finish(written)

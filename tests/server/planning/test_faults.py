@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -259,12 +260,29 @@ FAILING_SEVERAL = FAILING.replace("(observation[:, 1] == 0.0625).any()", "len(ob
 """A planning process that can plan no command several ways."""
 
 
-def test_a_bad_plan_is_the_answer_if_it_cannot_be_planned_several_ways(run_server: Callable[..., Any]) -> None:
+def badly_planned() -> dict[str, Any]:
+    """Return a request whose one plan is bad."""
     t = np.linspace(0.0, 9.0, 1000)
-    request = {
+    return {
         "command": {"dt": 0.001, "position": (0.06 * np.stack([1.0 - np.cos(t), np.sin(t)], axis=1)).tolist()},
         "limits": {"pan_reach": 0.05, "acceleration": 15.0, "jerk": 3000.0},
     }
+
+
+def test_a_bad_plan_is_not_planned_several_ways_for_a_client_that_has_left(run_server: Callable[..., Any]) -> None:
+    with run_server() as server:
+        with stopped(server), pytest.raises(httpx.ReadTimeout):
+            httpx.post(f"{server.url}/plan", json=badly_planned(), timeout=0.5)
+        wait_for(lambda: server.service.in_flight == 0)
+        assert server.post("/plan", json={**badly_planned(), "candidates": 1}).status_code == 200
+        wait_for(lambda: server.service.dispatcher.busy == 0.0)
+        batches = re.search(r"^slide_batch_size_count (\S+)$", server.get("/metrics").text, re.M)
+        assert batches is not None
+        assert float(batches[1]) == 2.0
+
+
+def test_a_bad_plan_is_the_answer_if_it_cannot_be_planned_several_ways(run_server: Callable[..., Any]) -> None:
+    request = badly_planned()
     with run_server([sys.executable, "-P", "-c", FAILING_SEVERAL]) as server:
         bad = server.post("/plan", json=request)
         assert bad.status_code == 200
