@@ -117,7 +117,7 @@ def _friction(figure_class: Any, subjects: Sequence[Subject]) -> Any:
 
     position = commands_of(FAMILY, TRAJECTORIES_PER_CELL)
     tables = [_friction_table(subject, position) for subject in subjects]
-    figure = figure_class(figsize=(4.2 * len(subjects), 3.9), layout="constrained")
+    figure = figure_class(figsize=(3.6 * len(subjects) + 1.2, 4.2), layout="constrained")
     # Logarithmic, for models are apart by more than ten times; a still pan's error is the yardstick, far beyond which
     # there is nothing to tell.
     still = still_rmse(position).mean()
