@@ -246,7 +246,7 @@ def _action(planner: Planner, commands: int) -> Callable[[], object]:
     if commands > 1:
         return lambda: planner.plan_batch(positions[:commands])
     one_by_one = cycle(positions)
-    return lambda: planner.plan(next(one_by_one))
+    return lambda: planner.plan(next(one_by_one), candidates=1)
 
 
 def law_speed(batches: Sequence[int], rounds: int) -> LawSpeed:
