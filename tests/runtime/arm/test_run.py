@@ -64,7 +64,7 @@ def test_open_loop_on_an_ideal_arm_is_the_plan(plan: Plan) -> None:
 
 
 def test_closed_loop_on_an_ideal_arm_is_the_plan(planner: Planner, make_curve: Callable[..., FloatArray]) -> None:
-    plan = planner.plan(make_curve(350))
+    plan = planner.plan(make_curve(350), candidates=1)
     stream = planner.stream(plan.command_position)
     source = closed_loop(stream, stream.chunk, len(plan))
     recording = execute(plan, IdealArm(plan.friction), source)
