@@ -122,15 +122,14 @@ class Planner:
         effort = _effort(refine_ms, refine_iterations, ROBUST if share is None else share)
         count = _candidates(candidates, 1 if effort is None else SEVERAL)
         held = _tolerance(tolerance)
-        job, judged = with_reach(job), share or 0.0
+        job = with_reach(job)
+        judged = effort.robust if effort is not None else share or 0.0
+        motion, ahead = best_candidate(self.bundle, job, count, judged)
         remarks: tuple[str, ...] = ()
         if effort is not None:
-            motion, ahead = best_candidate(self.bundle, job, count, effort.robust)
             motion, ahead = self._refined(job, motion, effort) or (motion, ahead)
-        else:
-            motion, ahead = best_candidate(self.bundle, job, count, judged)
-            if candidates is None:
-                motion, ahead, remarks = self._better_if_bad(job, motion, ahead, judged)
+        elif candidates is None:
+            motion, ahead, remarks = self._better_if_bad(job, motion, ahead, judged)
         return self._plan(job, motion, ahead, held, remarks=remarks)
 
     def plan_batch(

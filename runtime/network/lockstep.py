@@ -22,7 +22,7 @@ from runtime.limits import Limits
 from runtime.network.bundle import Bundle, Float32Array, LstmState
 from runtime.network.job import Job
 from runtime.network.reader import MOST_AT_ONCE, Frame, groups_of
-from runtime.network.taps import Taps, fill_answer, fill_observation
+from runtime.network.taps import fill_answer, fill_observation
 from runtime.network.units import CHUNK, OBSERVED
 from runtime.physics.compiled import Compiler, compile_together
 from runtime.physics.law import DT, GRAVITY, slide, slide_along
@@ -40,8 +40,7 @@ class Course(NamedTuple):
     """What B commands are planned with, in numbers, and their motions, which are filled in question by question.
 
     Attributes:
-        command, conditions, scale, acceleration, seen, ahead, answer: of their `Frame`.
-        samples, chunk: of it too.
+        frame: what the network reads of them.
         elapsed: what is told of the time since the question before.
         static, kinetic: (B,) coefficients of friction.
         bounds, pans, brakes, ramps, free: of `Pans`, before the next chunk.
@@ -49,15 +48,7 @@ class Course(NamedTuple):
         states, sliding: (n + 1, B, C, 6) and (n + 1, B, C, 4), the last C states before each question, and at the end.
     """
 
-    command: FloatArray
-    conditions: Float32Array
-    scale: FloatArray
-    acceleration: FloatArray
-    seen: Taps
-    ahead: Taps
-    answer: Taps
-    samples: int
-    chunk: int
+    frame: Frame
     elapsed: float
     static: FloatArray
     kinetic: FloatArray
@@ -80,15 +71,7 @@ class Course(NamedTuple):
         states[0] = np.stack([job.start.pan_state() for job in jobs])[:, None]  # it has been there
         sliding[0] = np.stack([job.start.object_state(job.command.position[0]) for job in jobs])[:, None]
         return cls(
-            frame.command,
-            frame.conditions,
-            frame.scale,
-            frame.acceleration,
-            frame.seen,
-            frame.ahead,
-            frame.answer,
-            frame.samples,
-            frame.chunk,
+            frame,
             min(1.0, frame.chunk / frame.step / CHUNK),
             np.array([job.friction.static for job in jobs]),
             np.array([job.friction.kinetic for job in jobs]),
@@ -106,19 +89,20 @@ class Course(NamedTuple):
 
 def look(course: Course, question: int, out: Float32Array) -> None:
     """Fill in what the network sees with a question, to be compiled."""
+    frame = course.frame
     fill_observation(
         course.states[question],
         course.sliding[question],
         course.pans[:, 6:].copy(),
-        course.command,
-        min(question * course.chunk, course.samples),
-        course.seen.rows,
-        course.seen.shares,
-        course.ahead.rows,
-        course.ahead.shares,
-        course.scale,
-        course.acceleration,
-        course.conditions,
+        frame.command,
+        min(question * frame.chunk, frame.samples),
+        frame.seen.rows,
+        frame.seen.shares,
+        frame.ahead.rows,
+        frame.ahead.shares,
+        frame.scale,
+        frame.acceleration,
+        frame.conditions,
         course.elapsed if question > 0 else 1.0,
         out,
     )
@@ -130,10 +114,10 @@ def go_on(course: Course, question: int, answer: Float32Array, gravity: float, d
     Returns:
         How many pans may not go there, as `Pans.free` tells; NOT_FINITE if the answer is no finite numbers.
     """
-    after = question + 1
+    frame, after = course.frame, question + 1
     asked, u = course.asked[question], course.u[question]
     last = course.pans[:, 6:].copy()
-    if not fill_answer(answer, last, course.answer.rows, course.answer.shares, course.acceleration, asked):
+    if not fill_answer(answer, last, frame.answer.rows, frame.answer.shares, frame.acceleration, asked):
         return NOT_FINITE
     for row in range(len(u)):  # numba takes 3 s to compile `u[:] = asked`
         for k in range(u.shape[1]):
@@ -150,7 +134,6 @@ class Group(NamedTuple):
 
     Attributes:
         indices: which of the jobs they are.
-        frame: what the network reads of them.
         frictions: of each.
         pans: before the next chunk.
         course: where they go.
@@ -158,7 +141,6 @@ class Group(NamedTuple):
     """
 
     indices: Sequence[int]
-    frame: Frame
     frictions: Sequence[Friction]
     pans: Pans
     course: Course
@@ -169,7 +151,7 @@ class Group(NamedTuple):
         """Return these jobs at their start."""
         frame, pans = Frame.of(jobs), Pans([Pan.at_start(job.start, job.limits) for job in jobs])
         frictions, course = [job.friction for job in jobs], Course.of(frame, jobs, pans)
-        return cls(indices, frame, frictions, pans, course, set(_readings(frame)))
+        return cls(indices, frictions, pans, course, set(_readings(frame)))
 
     @property
     def questions(self) -> int:
@@ -178,7 +160,7 @@ class Group(NamedTuple):
 
     def decoded(self) -> dict[int, tuple[Motion, Pan]]:
         """Return the motion of each job and the pan at its end, by its index."""
-        course, before = self.course, self.frame.chunk - 1
+        course, before = self.course, self.course.frame.chunk - 1
         u, asked, states, sliding = (
             part.swapaxes(0, 1).reshape(len(self.indices), -1, part.shape[-1])
             for part in (course.u, course.asked, course.states, course.sliding)
@@ -234,7 +216,7 @@ class Lockstep:
             BundleError: an acceleration is no finite number.
         """
         going = sorted(groups, key=lambda group: -group.questions)  # those that are over first come last
-        read = [bundle.encode(group.frame.window(0)) for group in going]
+        read = [bundle.encode(group.course.frame.window(0)) for group in going]
         memory = LstmState(*(np.concatenate(parts, axis=1) for parts in zip(*read, strict=True)))
         observation = np.empty((memory.hidden.shape[1], OBSERVED), dtype=np.float32)
         parts = _side_by_side(going)
@@ -244,7 +226,7 @@ class Lockstep:
         while going:
             for group, rows in parts:
                 if question in group.read_again:
-                    again = bundle.encode(group.frame.window(question * group.frame.chunk))
+                    again = bundle.encode(group.course.frame.window(question * group.course.frame.chunk))
                     for whole, part in zip(memory, again, strict=True):
                         whole[:, rows] = part
             answer, memory = bundle.decode_step(observation, memory)
@@ -266,7 +248,7 @@ class Lockstep:
         """
         others = self._go_on(group.course, question, answer, GRAVITY, DT, observation)
         if others == NOT_FINITE:
-            now = question * group.frame.chunk
+            now = question * group.course.frame.chunk
             raise BundleError(f"the network of bundle {name!r} gave no finite number at sample {now}")
         if not others:
             group.pans.held.clear()
