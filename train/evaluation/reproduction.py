@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ FAMILY = "spline_acceleration"
 SHOWN = 3
 """The command of the family that the trajectories and snapshots are of."""
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 LOWEST, STILL_PANS = 1.0, 1.5
 """Errors at which the colours of the friction table begin (mm) and end (in errors of a pan that never moves)."""
 
@@ -94,7 +95,7 @@ def _draw_models(figure_class: Any, position: FloatArray, drawn: Sequence[tuple[
         axes[row, 2].set(xlabel="x (mm)", ylabel="y (mm)", title=f"{what.split(',')[0]}, from above", aspect="equal")
         axes[row, 2].set_adjustable("datalim")
     _draw(axes[0], time, position, color="black", linestyle="--", label="command")
-    for (name, object_position, pan_position), colour in zip(drawn, COLOURS, strict=False):
+    for (name, object_position, pan_position), colour in zip(drawn, cycle(COLOURS), strict=False):
         _draw(axes[0], time, object_position, color=colour, label=name)
         _draw(axes[1], time, pan_position, color=colour, label=name)
     angle = np.linspace(0, 2 * np.pi, 200)
